@@ -1,0 +1,98 @@
+"""A camera: a model, its parameters, the size of its images and how certain the parameters are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calibrant.cameras.model import Array, CameraModel
+from calibrant.cameras.registry import camera_model
+from calibrant.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A calibrated camera. Build it with `Camera.create`.
+
+    values (k,) in the order of `model.parameter_names`; covariance (k, k) of the same, None when it is not known;
+    a fixed parameter has variance 0.
+    """
+
+    model: CameraModel
+    image_size: tuple[int, int]
+    values: Array
+    covariance: Array | None = None
+
+    def __post_init__(self) -> None:
+        k = len(self.model.parameter_names)
+        values = np.array(self.values, dtype=np.float64)
+        if values.shape != (k,) or not np.all(np.isfinite(values)):
+            raise InputError(
+                f"a {self.model.name} camera needs {k} finite parameters ({', '.join(self.model.parameter_names)}), "
+                f"got {values.tolist()}"
+            )
+        width, height = (int(n) for n in self.image_size)
+        if width < 1 or height < 1:
+            raise InputError(f"image_size is (width, height) in pixels, both at least 1, got {self.image_size}")
+        values.setflags(write=False)
+        object.__setattr__(self, "values", values)
+        object.__setattr__(self, "image_size", (width, height))
+        if self.covariance is not None:
+            covariance = np.array(self.covariance, dtype=np.float64)
+            if covariance.shape != (k, k):
+                raise InputError(f"the covariance of {k} camera parameters is ({k}, {k}), got {covariance.shape}")
+            covariance.setflags(write=False)
+            object.__setattr__(self, "covariance", covariance)
+
+    @classmethod
+    def create(
+        cls,
+        model: str,
+        parameters: Mapping[str, float],
+        *,
+        image_size: tuple[int, int],
+        covariance: ArrayLike | None = None,
+    ) -> Camera:
+        """Camera from a model's name and named parameters; terms that are left out are 0.
+
+        Raises: InputError for unknown names, a missing focal length or principal point, values that are not finite.
+        """
+        kind = camera_model(model)
+        for name in parameters:
+            kind.index(name)
+        required = [n for n, unit in zip(kind.parameter_names, kind.parameter_units) if unit == "px"]
+        missing = [n for n in required if n not in parameters]
+        if missing:
+            raise InputError(f"a {model} camera needs {', '.join(required)}; missing: {', '.join(missing)}")
+        values = np.array([float(parameters.get(n, 0.0)) for n in kind.parameter_names])
+        cov = None if covariance is None else np.asarray(covariance, dtype=np.float64)
+        return cls(kind, image_size, values, cov)
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Parameters by name."""
+        return dict(zip(self.model.parameter_names, self.values.tolist()))
+
+    @property
+    def sigma(self) -> dict[str, float]:
+        """1 sigma of each parameter by name, 0 for a fixed one; empty when the covariance is not known."""
+        if self.covariance is None:
+            return {}
+        return dict(zip(self.model.parameter_names, np.sqrt(np.diag(self.covariance)).tolist()))
+
+    @property
+    def K(self) -> Array:
+        """Camera matrix (3, 3), pixels: [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]."""
+        p = self.parameters
+        return np.array([[p["fx"], p.get("skew", 0.0), p["cx"]], [0, p["fy"], p["cy"]], [0, 0, 1]])
+
+    def project(self, p_camera: ArrayLike) -> Array:
+        """Pixels of points in the camera frame: (..., 3) metres -> (..., 2); NaN for points the camera cannot see."""
+        return self.model.project(self.values, p_camera)
+
+    def unproject(self, uv: ArrayLike) -> Array:
+        """Unit rays of pixels: (..., 2) -> (..., 3) in the camera frame; NaN outside the model's valid field."""
+        return self.model.unproject(self.values, uv)

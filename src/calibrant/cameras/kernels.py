@@ -1,0 +1,17 @@
+"""The compiled form of a camera model: one function a model, called by the fused kernels through a pointer.
+
+`ROWS` is its signature: n, parameters (k,), p (3, >= n) camera-frame points as rows x, y, z -> fills uv (2, >= n),
+J_point (6, >= n) as du/dx du/dy du/dz dv/dx dv/dy dv/dz, and J_parameters (2k, >= n) as all du/dk rows then all dv/dk
+rows; returns the number of points the model cannot see (their columns are NaN). Rows are contiguous so that the inner
+loops vectorise.
+"""
+
+from __future__ import annotations
+
+from numba import types
+
+_matrix = types.float64[:, ::1]
+ROWS_ARGUMENTS = types.int64(types.int64, types.float64[::1], _matrix, _matrix, _matrix, _matrix)
+ROWS = types.FunctionType(ROWS_ARGUMENTS)
+FAST = {"reassoc", "contract", "arcp", "nsz"}
+"""LLVM's relaxations that keep NaN and infinity, so that bad points stay visible, yet let sums vectorise."""

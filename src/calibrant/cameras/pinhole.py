@@ -1,0 +1,58 @@
+"""Pinhole camera: u = fx x/z + cx, v = fy y/z + cy (lecture 001, P = I C; Hartley and Zisserman, eq. 6.9, no skew)."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calibrant.cameras.model import Array, CameraModel
+
+
+class Pinhole(CameraModel):
+    """Ideal perspective camera without distortion."""
+
+    name: ClassVar[str] = "pinhole"
+    parameter_names: ClassVar[tuple[str, ...]] = ("fx", "fy", "cx", "cy")
+    parameter_units: ClassVar[tuple[str, ...]] = ("px", "px", "px", "px")
+
+    def project(self, parameters: ArrayLike, p_camera: ArrayLike) -> Array:
+        fx, fy, cx, cy = np.asarray(parameters, dtype=np.float64)
+        p = np.asarray(p_camera, dtype=np.float64)
+        iz = inverse_depth(p)
+        return np.stack([fx * p[..., 0] * iz + cx, fy * p[..., 1] * iz + cy], axis=-1)
+
+    def project_with_jacobians(self, parameters: ArrayLike, p_camera: ArrayLike) -> tuple[Array, Array, Array]:
+        fx, fy, cx, cy = np.asarray(parameters, dtype=np.float64)
+        p = np.asarray(p_camera, dtype=np.float64)
+        iz = inverse_depth(p)
+        x, y = p[..., 0] * iz, p[..., 1] * iz
+        zero, one = np.zeros_like(x), np.ones_like(x)
+        uv = np.stack([fx * x + cx, fy * y + cy], axis=-1)
+        J_point = _matrix([[fx * iz, zero, -fx * x * iz], [zero, fy * iz, -fy * y * iz]])
+        J_parameters = _matrix([[x, zero, one, zero], [zero, y, zero, one]])
+        return uv, J_point, J_parameters
+
+    def unproject(self, parameters: ArrayLike, uv: ArrayLike) -> Array:
+        fx, fy, cx, cy = np.asarray(parameters, dtype=np.float64)
+        pixels = np.asarray(uv, dtype=np.float64)
+        x, y = (pixels[..., 0] - cx) / fx, (pixels[..., 1] - cy) / fy
+        ray = np.stack([x, y, np.ones_like(x)], axis=-1)
+        return ray / np.linalg.norm(ray, axis=-1, keepdims=True)
+
+    def rows(self) -> Any:
+        from calibrant.cameras.pinhole_rows import rows
+
+        return rows
+
+
+def inverse_depth(p: Array) -> Array:
+    """1/z of points (..., 3), NaN where z <= 0: a point behind a perspective camera has no pixel."""
+    z = p[..., 2]
+    ahead = z > 0
+    return np.where(ahead, 1.0, np.nan) / np.where(ahead, z, 1.0)
+
+
+def _matrix(rows: list[list[Array]]) -> Array:
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)

@@ -1,0 +1,17 @@
+"""The camera models by name. Adding one is its file and a line here."""
+
+from __future__ import annotations
+
+from calibrant.cameras.brown import Brown
+from calibrant.cameras.model import CameraModel
+from calibrant.cameras.pinhole import Pinhole
+from calibrant.errors import InputError
+
+MODELS: dict[str, CameraModel] = {model.name: model for model in (Pinhole(), Brown())}
+
+
+def camera_model(name: str) -> CameraModel:
+    """The model of that name. Raises: InputError listing the known names."""
+    if name not in MODELS:
+        raise InputError(f"unknown camera model {name!r}; known models: {', '.join(MODELS)}")
+    return MODELS[name]

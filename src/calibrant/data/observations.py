@@ -1,0 +1,140 @@
+"""Observations: what was seen, where, in which image. The one currency between detection and calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calibrant.errors import InputError
+
+Array = NDArray[np.float64]
+
+DEFAULT_CAMERA = "camera"
+
+
+def _frozen(value: ArrayLike, *, dtype: type, shape: tuple[int, ...], what: str) -> NDArray:
+    array = np.array(value, dtype=dtype)
+    if array.shape != shape:
+        raise InputError(f"{what}: expected shape {shape}, got {array.shape}")
+    if dtype is np.float64 and not np.all(np.isfinite(array)):
+        raise InputError(f"{what} holds NaN or infinite values; leave such points out")
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """The points of one target seen in one image.
+
+    points (n, 3) metres, target frame; uv (n, 2) pixels; point_ids (n,) labels of the target's points;
+    sigma_px (n,) relative standard deviation of each point per axis, or None when all weigh the same.
+    `moment` names what was seen at the same time (other cameras, a robot pose); it is the id when not given.
+    """
+
+    id: str
+    points: Array
+    uv: Array
+    point_ids: NDArray[np.int64]
+    camera: str = DEFAULT_CAMERA
+    moment: str = ""
+    sigma_px: Array | None = None
+    file: str | None = None
+
+    def __post_init__(self) -> None:
+        n = len(np.asarray(self.uv))
+        where = f"view {self.id!r}"
+        set_ = object.__setattr__
+        set_(self, "points", _frozen(self.points, dtype=np.float64, shape=(n, 3), what=f"{where}: points"))
+        set_(self, "uv", _frozen(self.uv, dtype=np.float64, shape=(n, 2), what=f"{where}: uv"))
+        set_(self, "point_ids", _frozen(self.point_ids, dtype=np.int64, shape=(n,), what=f"{where}: point_ids"))
+        if self.sigma_px is not None:
+            sigma = _frozen(self.sigma_px, dtype=np.float64, shape=(n,), what=f"{where}: sigma_px")
+            if np.any(sigma <= 0):
+                raise InputError(f"{where}: sigma_px must be above 0 px for every point")
+            set_(self, "sigma_px", sigma)
+        if not self.moment:
+            set_(self, "moment", self.id)
+
+    def __len__(self) -> int:
+        return len(self.uv)
+
+    def subset(self, keep: NDArray[np.bool_]) -> View:
+        """The view with the points where keep (n,) is true."""
+        sigma = None if self.sigma_px is None else self.sigma_px[keep]
+        return replace(self, points=self.points[keep], uv=self.uv[keep], point_ids=self.point_ids[keep], sigma_px=sigma)
+
+
+@dataclass(frozen=True)
+class Missed:
+    """An image that gave no view, and why."""
+
+    id: str
+    reason: str
+    camera: str = DEFAULT_CAMERA
+    file: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """All views of a data set. image_sizes: (width, height) of each camera by name; target: its spec, when known."""
+
+    views: tuple[View, ...]
+    image_sizes: dict[str, tuple[int, int]]
+    target: str | None = None
+    missed: tuple[Missed, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        seen: set[tuple[str, str]] = set()
+        for view in self.views:
+            key = (view.camera, view.id)
+            if key in seen:
+                raise InputError(f"two views of camera {view.camera!r} are both called {view.id!r}; ids must be unique")
+            seen.add(key)
+            if view.camera not in self.image_sizes:
+                raise InputError(f"view {view.id!r} is of camera {view.camera!r}, whose image size is not given")
+
+    @classmethod
+    def from_points(
+        cls,
+        points: Sequence[ArrayLike],
+        uv: Sequence[ArrayLike],
+        *,
+        image_size: tuple[int, int],
+        ids: Iterable[str] | None = None,
+        point_ids: Sequence[ArrayLike] | None = None,
+        target: str | None = None,
+    ) -> Observations:
+        """Observations of one camera from arrays, a pair a view: points (n, 3) metres and uv (n, 2) pixels.
+
+        Raises: InputError when the lists differ in length, shapes do not fit, values are not finite.
+        """
+        if len(points) != len(uv):
+            raise InputError(f"points has {len(points)} views and uv has {len(uv)}; give one of each a view")
+        names = [str(i) for i in range(len(uv))] if ids is None else [str(i) for i in ids]
+        if len(names) != len(uv):
+            raise InputError(f"ids has {len(names)} names for {len(uv)} views")
+        labels = [np.arange(len(np.asarray(u))) for u in uv] if point_ids is None else point_ids
+        views = tuple(
+            View(name, np.asarray(p, dtype=np.float64), np.asarray(u, dtype=np.float64), np.asarray(i, dtype=np.int64))
+            for name, p, u, i in zip(names, points, uv, labels, strict=True)
+        )
+        return cls(views, {DEFAULT_CAMERA: image_size}, target)
+
+    def of_camera(self, camera: str) -> Observations:
+        """Only the views (and misses) of one camera. Raises: InputError naming the known cameras."""
+        if camera not in self.image_sizes:
+            raise InputError(f"no camera {camera!r} in the observations; known: {', '.join(self.image_sizes)}")
+        return Observations(
+            tuple(v for v in self.views if v.camera == camera),
+            {camera: self.image_sizes[camera]},
+            self.target,
+            tuple(m for m in self.missed if m.camera == camera),
+        )
+
+    def only(self, ids: Iterable[str]) -> Observations:
+        """Only the views with these ids, in their own order."""
+        wanted = set(ids)
+        return replace(self, views=tuple(v for v in self.views if v.id in wanted))

@@ -1,0 +1,179 @@
+"""The result of a calibration: what was found, how certain it is, what was checked, and the data it came from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calibrant.cameras import Camera
+from calibrant.data.observations import Observations
+from calibrant.data.poses import RobotPoses
+from calibrant.errors import InputError
+
+Array = NDArray[np.float64]
+Status = Literal["ok", "warn", "fail"]
+Verdict = Literal["ok", "warn", "refused"]
+
+
+@dataclass(frozen=True)
+class Check:
+    """One question asked of the data or the result, and its answer in words. `value` is the figure behind it."""
+
+    name: str
+    status: Status
+    message: str
+    value: float | None = None
+
+
+@dataclass(frozen=True)
+class ViewResult:
+    """What one view contributed. rms_px is per point over both axes; reason says why it was left out, or flagged."""
+
+    id: str
+    used: bool
+    points: int
+    rms_px: float | None = None
+    reason: str | None = None
+    camera: str | None = None
+    points_left_out: int = 0
+    T_camera_target: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class TransformEstimate:
+    """T_parent_child (4, 4), metres, with the covariance (6, 6) of (rotation, translation) along the parent's axes.
+
+    The covariance belongs to `se3.retract`: radians and metres.
+    """
+
+    parent: str
+    child: str
+    matrix: Array
+    covariance: Array | None = None
+
+    @property
+    def sigma_translation_mm(self) -> Array | None:
+        """1 sigma of the child's origin along the parent's x, y, z, millimetres."""
+        return None if self.covariance is None else 1e3 * np.sqrt(np.diag(self.covariance)[3:])
+
+    @property
+    def sigma_rotation_deg(self) -> Array | None:
+        """1 sigma of the rotation about the parent's x, y, z, degrees."""
+        return None if self.covariance is None else np.rad2deg(np.sqrt(np.diag(self.covariance)[:3]))
+
+
+@dataclass(frozen=True)
+class SigmaRobot:
+    """Noise of the robot's poses, 1 sigma per axis, estimated from the data, with the sigma of the estimate."""
+
+    mm: float
+    deg: float
+    mm_sigma: float | None = None
+    deg_sigma: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class MethodResult:
+    """What one hand-eye method gave: the camera's transform and the spread of the loop that should be constant.
+
+    loop_rms_mm / loop_rms_deg are None, and `message` says why, when the method could not answer.
+    """
+
+    matrix: Array | None
+    loop_rms_mm: float | None
+    loop_rms_deg: float | None
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A number with its 1 sigma."""
+
+    value: float
+    sigma: float
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Errors on data that were kept out of the fit, RMS; None where it does not apply."""
+
+    mm: float | None = None
+    deg: float | None = None
+    px: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationResult:
+    """A calibration, complete: any diagnosis can be made later from it alone.
+
+    rms_px is per point over both axes, as OpenCV's; sigma_px is the noise per axis, estimated from the residuals.
+    """
+
+    kind: str
+    verdict: Verdict
+    checks: tuple[Check, ...] = ()
+    cameras: Mapping[str, Camera] = field(default_factory=dict)
+    transforms: tuple[TransformEstimate, ...] = ()
+    rms_px: float | None = None
+    sigma_px: float | None = None
+    sigma_robot: SigmaRobot | None = None
+    views: tuple[ViewResult, ...] = ()
+    methods: Mapping[str, MethodResult] = field(default_factory=dict)
+    target_scale: Measured | None = None
+    held_out: HeldOut | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+    inputs: tuple[Mapping[str, str], ...] = ()
+    observations: Observations | None = None
+    robot_poses: RobotPoses | None = None
+    T_camera_target: Array | None = None
+    """Target poses (n, 4, 4) that were given in place of observations, one a robot pose."""
+    created: str = ""
+    version: str = ""
+
+    @property
+    def camera(self) -> Camera:
+        """The only camera. Raises: InputError when there are several, or none."""
+        if len(self.cameras) != 1:
+            raise InputError(f"the result has {len(self.cameras)} cameras ({', '.join(self.cameras)}); name one: .cameras[…]")
+        return next(iter(self.cameras.values()))
+
+    def transform(self, parent: str, child: str) -> TransformEstimate:
+        """The estimate of T_parent_child. Raises: InputError listing what there is."""
+        for t in self.transforms:
+            if (t.parent, t.child) == (parent, child):
+                return t
+        known = ", ".join(f"{t.parent} -> {t.child}" for t in self.transforms) or "none"
+        raise InputError(f"the result has no transform {parent} -> {child}; it has: {known}")
+
+    def check(self, name: str) -> Check:
+        """The check of that name. Raises: InputError listing the names there are."""
+        for c in self.checks:
+            if c.name == name:
+                return c
+        raise InputError(f"the result has no check {name!r}; it has: {', '.join(c.name for c in self.checks)}")
+
+    def write(self, path: str | Path, *, force: bool = True) -> Path:
+        """Write the result file (JSON, format calibrant/1), whole or not at all.
+
+        Raises: InputError when the path cannot be written, or exists and `force` is False.
+        """
+        from calibrant.data.result_file import write_result
+
+        return write_result(self, Path(path), force=force)
+
+
+def verdict_of(checks: tuple[Check, ...]) -> Verdict:
+    """The verdict that checks lead to: any fail refuses, any warning warns."""
+    statuses = {c.status for c in checks}
+    return "refused" if "fail" in statuses else "warn" if "warn" in statuses else "ok"
+
+
+def as_transform(parent: str, child: str, matrix: ArrayLike, covariance: ArrayLike | None = None) -> TransformEstimate:
+    """TransformEstimate from array-likes."""
+    cov = None if covariance is None else np.asarray(covariance, dtype=np.float64)
+    return TransformEstimate(parent, child, np.asarray(matrix, dtype=np.float64), cov)

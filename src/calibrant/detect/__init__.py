@@ -1,0 +1,1 @@
+"""Floor 3: finding targets in images, one detector a target."""

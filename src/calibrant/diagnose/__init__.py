@@ -1,0 +1,1 @@
+"""Floor 5: what is wrong with the data, and how certain the result is."""

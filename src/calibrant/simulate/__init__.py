@@ -1,0 +1,1 @@
+"""Floor 3: rendered targets, noise, simulated robot cells."""

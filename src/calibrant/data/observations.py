@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -79,12 +79,17 @@ class Missed:
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """All views of a data set. image_sizes: (width, height) of each camera by name; target: its spec, when known."""
+    """All views of a data set.
+
+    image_sizes: (width, height) of each camera by name; target: its spec, when known; missed: images that gave no
+    view; notes: what a person should know about how the views were read, in whole sentences.
+    """
 
     views: tuple[View, ...]
     image_sizes: dict[str, tuple[int, int]]
     target: str | None = None
-    missed: tuple[Missed, ...] = field(default=())
+    missed: tuple[Missed, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         seen: set[tuple[str, str]] = set()
@@ -132,6 +137,7 @@ class Observations:
             {camera: self.image_sizes[camera]},
             self.target,
             tuple(m for m in self.missed if m.camera == camera),
+            self.notes,
         )
 
     def only(self, ids: Iterable[str]) -> Observations:

@@ -1,0 +1,82 @@
+"""The kinds of targets by name, and specs: chessboard:9x6:25mm. Adding a kind is its file and a line here."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from calibrant.errors import InputError
+from calibrant.targets import charuco
+from calibrant.targets.grid import parse_grid
+from calibrant.targets.lengths import parse_length
+from calibrant.targets.target import Target
+
+
+@dataclass(frozen=True)
+class TargetKind:
+    """syntax: the spec's form with an example, for messages; parse: target of the fields after the kind's name."""
+
+    syntax: str
+    parse: Callable[[Sequence[str]], Target]
+
+
+_CHESSBOARD = "chessboard:COLUMNSxROWS:SQUARE in inner corners, such as chessboard:9x6:25mm"
+
+
+def _chessboard(fields: Sequence[str]) -> Target:
+    from calibrant.targets.chessboard import Chessboard
+
+    if len(fields) != 2:
+        raise InputError(f"a chessboard spec needs a size and a length: {_CHESSBOARD}")
+    columns, rows = parse_grid(fields[0], what="a chessboard's size in inner corners")
+    return Chessboard(columns, rows, parse_length(fields[1], what="the square's side"))
+
+
+KINDS: dict[str, TargetKind] = {
+    "chessboard": TargetKind(_CHESSBOARD, _chessboard),
+    "charuco": TargetKind(charuco.SYNTAX, charuco.parse),
+}
+
+_YAML_TARGET = re.compile(r"^target\s*:\s*(?P<spec>\"[^\"]*\"|'[^']*'|[^#\n]*?)\s*(?:#.*)?$", re.MULTILINE)
+
+
+def parse_target(spec: str) -> Target:
+    """The target of a spec, or of a YAML file with a line `target: SPEC`.
+
+    Args: spec, such as charuco:5x7:40mm:20mm:DICT_6X6_250 or board.yaml.
+    Raises: InputError naming what is wrong and the expected form.
+    """
+    text = spec.strip()
+    if text.lower().endswith((".yaml", ".yml")):
+        return _parse_spec(_spec_in_yaml(Path(text)), where=f"{text}: ")
+    return _parse_spec(text, where="")
+
+
+def _parse_spec(text: str, *, where: str) -> Target:
+    kind, *fields = text.split(":")
+    entry = KINDS.get(kind.strip().lower())
+    if entry is None:
+        forms = "; ".join(k.syntax for k in KINDS.values())
+        raise InputError(f"{where}unknown kind of target {kind!r} in {text!r}; known forms: {forms}; or a YAML file")
+    try:
+        return entry.parse(fields)
+    except InputError as error:
+        raise InputError(f"{where}target {text!r}: {error}") from None
+
+
+def _spec_in_yaml(path: Path) -> str:
+    # Only this one line is read: a YAML library does not belong on this floor, and the file that `calibrant target`
+    # writes keeps everything else in comments.
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise InputError(f"target file {path} does not exist") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"target file {path} cannot be read as text: {error}") from None
+    match = _YAML_TARGET.search(text)
+    spec = match["spec"].strip("\"'") if match else ""
+    if not spec:
+        raise InputError(f"target file {path} has no line `target: SPEC`, such as target: chessboard:9x6:25mm")
+    return spec

@@ -1,0 +1,231 @@
+"""A result from JSON: every key checked, every message naming the key, what was found and what was expected."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any, NoReturn, TypeVar
+
+import numpy as np
+
+from calibrant import __version__
+from calibrant.cameras import Camera
+from calibrant.data.observations import DEFAULT_CAMERA, Array, Missed, Observations, View
+from calibrant.data.poses import RobotPoses
+from calibrant.data.result_encoding import FORMAT, Json
+from calibrant.data.results import (
+    CalibrationResult,
+    Check,
+    HeldOut,
+    Measured,
+    MethodResult,
+    SigmaRobot,
+    TransformEstimate,
+    ViewResult,
+)
+from calibrant.errors import InputError
+
+T = TypeVar("T")
+
+
+def refuse_constant(name: str) -> NoReturn:
+    raise InputError(f"holds {name}; a result file holds finite numbers only")
+
+
+_KINDS: dict[type, str] = {str: "text", bool: "true or false", int: "an integer", dict: "an object", list: "a list"}
+
+
+def _get(data: Any, key: str, kind: type[T], where: str) -> T:
+    """The value of a key that must be there. Raises: InputError: the key, what was found, what was expected."""
+    if _object(data, where).get(key) is None:
+        raise InputError(f"{where} has no key {key!r}; it has: {', '.join(data) or 'none'}")
+    value = data[key]
+    # In Python a bool is an int; in a file it is not.
+    if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
+        raise InputError(f"{where}.{key} is {json.dumps(value)[:60]}, expected {_KINDS[kind]}")
+    return value
+
+
+def _object(data: Any, where: str) -> Json:
+    if not isinstance(data, dict):
+        raise InputError(f"{where} is {json.dumps(data)[:60]}, expected {_KINDS[dict]}")
+    return data
+
+
+def _maybe(data: Json, key: str, kind: type[T], where: str) -> T | None:
+    return None if _object(data, where).get(key) is None else _get(data, key, kind, where)
+
+
+def _number(data: Json, key: str, where: str) -> float:
+    value = _object(data, where).get(key)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"{where}.{key} is {json.dumps(value)[:60]}, expected a number")
+    return float(value)
+
+
+def _maybe_number(data: Json, key: str, where: str) -> float | None:
+    return None if _object(data, where).get(key) is None else _number(data, key, where)
+
+
+def _array(data: Json, key: str, shape: tuple[int, ...], where: str) -> Array:
+    """An array of numbers; -1 in `shape` stands for any length."""
+    rows = _get(data, key, list, where)
+    try:
+        array = np.array(rows, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{where}.{key} is not an array of numbers ({error})") from error
+    if len(rows) == 0 and -1 in shape:
+        array = array.reshape(tuple(0 if n == -1 else n for n in shape))
+    if array.ndim != len(shape) or any(n not in (-1, m) for n, m in zip(shape, array.shape)):
+        wanted = ", ".join("n" if n == -1 else str(n) for n in shape)
+        raise InputError(f"{where}.{key} has shape {array.shape}, expected ({wanted})")
+    return array
+
+
+def _maybe_array(data: Json, key: str, shape: tuple[int, ...], where: str) -> Array | None:
+    return None if _object(data, where).get(key) is None else _array(data, key, shape, where)
+
+
+def _records(data: Json, key: str, decode: Callable[[Json, str], T]) -> tuple[T, ...]:
+    return tuple(decode(item, f"{key}[{i}]") for i, item in enumerate(_maybe(data, key, list, "file") or []))
+
+
+def _named(data: Json, key: str, decode: Callable[[Json, str], T]) -> dict[str, T]:
+    return {name: decode(item, f"{key}.{name}") for name, item in (_maybe(data, key, dict, "file") or {}).items()}
+
+
+def decode(data: Any) -> CalibrationResult:
+    if not isinstance(data, dict) or "format" not in data:
+        raise InputError(f"not a calibrant file: expected a JSON object with the key 'format', {FORMAT!r}")
+    if data["format"] != FORMAT:
+        raise InputError(
+            f"the format is {data['format']!r}; this version ({__version__}) reads {FORMAT!r}: update calibrant"
+        )
+    verdict = _get(data, "verdict", str, "file")
+    if verdict not in ("ok", "warn", "refused"):
+        raise InputError(f"file.verdict is {verdict!r}, expected 'ok', 'warn' or 'refused'")
+    robot, scale, held = (_maybe(data, key, dict, "file") for key in ("sigma_robot", "target_scale", "held_out"))
+    poses, seen = (_maybe(data, key, dict, "file") for key in ("robot_poses", "observations"))
+    return CalibrationResult(
+        kind=_get(data, "kind", str, "file"),
+        verdict=verdict,  # type: ignore[arg-type]
+        checks=_records(data, "checks", _decode_check),
+        cameras=_named(data, "cameras", _decode_camera),
+        transforms=_records(data, "transforms", _decode_transform),
+        rms_px=_maybe_number(data, "rms_px", "file"),
+        sigma_px=_maybe_number(data, "sigma_px", "file"),
+        sigma_robot=None if robot is None else _decode_sigma_robot(robot),
+        views=_records(data, "views", _decode_view),
+        methods=_named(data, "methods", _decode_method),
+        target_scale=None
+        if scale is None
+        else Measured(*(_number(scale, k, "target_scale") for k in ("value", "sigma"))),
+        held_out=None
+        if held is None
+        else HeldOut(**{k: _maybe_number(held, k, "held_out") for k in ("mm", "deg", "px")}),
+        options=_maybe(data, "options", dict, "file") or {},
+        inputs=tuple(_maybe(data, "inputs", list, "file") or ()),
+        observations=None if seen is None else _decode_observations(seen),
+        robot_poses=None if poses is None else _decode_poses(poses),
+        T_camera_target=_maybe_array(data, "T_camera_target", (-1, 4, 4), "file"),
+        created=_get(data, "created", str, "file"),
+        version=_get(data, "version", str, "file"),
+    )
+
+
+def _decode_camera(data: Json, where: str) -> Camera:
+    parameters = _get(data, "parameters", dict, where)
+    size = _array(data, "image_size", (2,), where).astype(int).tolist()
+    return Camera.create(
+        _get(data, "model", str, where),
+        {name: _number(parameters, name, f"{where}.parameters") for name in parameters},
+        image_size=(size[0], size[1]),
+        covariance=_maybe_array(data, "covariance", (-1, -1), where),
+    )
+
+
+def _decode_transform(data: Json, where: str) -> TransformEstimate:
+    return TransformEstimate(
+        _get(data, "parent", str, where),
+        _get(data, "child", str, where),
+        _array(data, "matrix", (4, 4), where),
+        _maybe_array(data, "covariance", (6, 6), where),
+    )
+
+
+def _decode_check(data: Json, where: str) -> Check:
+    status = _get(data, "status", str, where)
+    if status not in ("ok", "warn", "fail"):
+        raise InputError(f"{where}.status is {status!r}, expected 'ok', 'warn' or 'fail'")
+    name, message = _get(data, "name", str, where), _get(data, "message", str, where)
+    return Check(name, status, message, _maybe_number(data, "value", where))  # type: ignore[arg-type]
+
+
+def _decode_method(data: Json, where: str) -> MethodResult:
+    loop_mm, loop_deg = (_maybe_number(data, key, where) for key in ("loop_rms_mm", "loop_rms_deg"))
+    return MethodResult(
+        _maybe_array(data, "matrix", (4, 4), where), loop_mm, loop_deg, _maybe(data, "message", str, where) or ""
+    )
+
+
+def _decode_sigma_robot(data: Json) -> SigmaRobot:
+    where = "sigma_robot"
+    return SigmaRobot(
+        _number(data, "mm", where),
+        _number(data, "deg", where),
+        _maybe_number(data, "mm_sigma", where),
+        _maybe_number(data, "deg_sigma", where),
+    )
+
+
+def _decode_view(data: Json, where: str) -> ViewResult:
+    return ViewResult(
+        id=_get(data, "id", str, where),
+        used=_get(data, "used", bool, where),
+        points=_get(data, "points", int, where),
+        rms_px=_maybe_number(data, "rms_px", where),
+        reason=_maybe(data, "reason", str, where),
+        camera=_maybe(data, "camera", str, where),
+        points_left_out=_maybe(data, "points_left_out", int, where) or 0,
+        T_camera_target=_maybe_array(data, "T_camera_target", (4, 4), where),
+    )
+
+
+def _decode_poses(data: Json) -> RobotPoses:
+    where = "robot_poses"
+    ids = tuple(str(name) for name in _get(data, "ids", list, where))
+    return RobotPoses(ids, _array(data, "T_base_gripper", (-1, 4, 4), where), _maybe(data, "source", str, where) or "")
+
+
+def _decode_observations(data: Json) -> Observations:
+    where = "observations"
+    views = []
+    for i, item in enumerate(_get(data, "views", list, where)):
+        at = f"{where}.views[{i}]"
+        name = _get(item, "id", str, at)
+        views.append(
+            View(
+                id=name,
+                points=_array(item, "points", (-1, 3), at),
+                uv=_array(item, "uv", (-1, 2), at),
+                point_ids=_array(item, "point_ids", (-1,), at).astype(np.int64),
+                camera=_maybe(item, "camera", str, at) or DEFAULT_CAMERA,
+                moment=_maybe(item, "moment", str, at) or name,
+                sigma_px=_maybe_array(item, "sigma_px", (-1,), at),
+                file=_maybe(item, "file", str, at),
+            )
+        )
+    sizes = _get(data, "image_sizes", dict, where)
+    image_sizes = {}
+    for camera in sizes:
+        width, height = _array(sizes, camera, (2,), f"{where}.image_sizes").astype(int).tolist()
+        image_sizes[camera] = (width, height)
+    missed = []
+    for i, item in enumerate(_maybe(data, "missed", list, where) or []):
+        at = f"{where}.missed[{i}]"
+        camera = _maybe(item, "camera", str, at) or DEFAULT_CAMERA
+        missed.append(
+            Missed(_get(item, "id", str, at), _get(item, "reason", str, at), camera, _maybe(item, "file", str, at))
+        )
+    notes = tuple(str(note) for note in _maybe(data, "notes", list, where) or ())
+    return Observations(tuple(views), image_sizes, _maybe(data, "target", str, where), tuple(missed), notes)

@@ -1,0 +1,156 @@
+"""A result as JSON: which key holds what, and how the text is laid out."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+
+from calibrant import __version__
+from calibrant.cameras import Camera
+from calibrant.data.observations import Observations
+from calibrant.data.poses import RobotPoses
+from calibrant.data.results import CalibrationResult, Check, MethodResult, TransformEstimate, ViewResult
+from calibrant.errors import InputError
+
+FORMAT = "calibrant/1"
+
+Json = dict[str, Any]
+
+
+def encode(result: CalibrationResult) -> Json:
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    return _present(
+        {
+            "format": FORMAT,
+            "kind": result.kind,
+            "version": result.version or __version__,
+            "created": result.created or now,
+            "verdict": result.verdict,
+            "cameras": {name: _encode_camera(camera) for name, camera in result.cameras.items()} or None,
+            "transforms": [_encode_transform(t) for t in result.transforms] or None,
+            "rms_px": result.rms_px,
+            "sigma_px": result.sigma_px,
+            "sigma_robot": None if result.sigma_robot is None else _present(vars(result.sigma_robot)),
+            "target_scale": None if result.target_scale is None else dict(vars(result.target_scale)),
+            "held_out": None if result.held_out is None else _present(vars(result.held_out)),
+            "checks": [_encode_check(c) for c in result.checks] or None,
+            "methods": {name: _encode_method(m) for name, m in result.methods.items()} or None,
+            "views": [_encode_view(v) for v in result.views] or None,
+            "options": result.options or None,
+            "inputs": list(result.inputs) or None,
+            "robot_poses": None if result.robot_poses is None else _encode_poses(result.robot_poses),
+            "T_camera_target": result.T_camera_target,
+            "observations": None if result.observations is None else _encode_observations(result.observations),
+        }
+    )
+
+
+def _present(data: Mapping[str, Any]) -> Json:
+    return {key: value for key, value in data.items() if value is not None}
+
+
+def _encode_camera(camera: Camera) -> Json:
+    known = camera.covariance is not None
+    return _present(
+        {
+            "image_size": camera.image_size,
+            "model": camera.model.name,
+            "parameters": camera.parameters,
+            "sigma": camera.sigma if known else None,
+            "covariance": camera.covariance,
+        }
+    )
+
+
+def _encode_transform(t: TransformEstimate) -> Json:
+    return _present(
+        {
+            "parent": t.parent,
+            "child": t.child,
+            "matrix": t.matrix,
+            "sigma_translation_mm": t.sigma_translation_mm,
+            "sigma_rotation_deg": t.sigma_rotation_deg,
+            "covariance": t.covariance,
+        }
+    )
+
+
+def _encode_check(c: Check) -> Json:
+    return _present({"name": c.name, "status": c.status, "value": c.value, "message": c.message})
+
+
+def _encode_method(m: MethodResult) -> Json:
+    return _present({**vars(m), "message": m.message or None})
+
+
+def _encode_view(v: ViewResult) -> Json:
+    out: Json = {"id": v.id, "used": v.used, "points": v.points, "rms_px": v.rms_px, "reason": v.reason}
+    extra = {"camera": v.camera, "points_left_out": v.points_left_out or None, "T_camera_target": v.T_camera_target}
+    return out | _present(extra)
+
+
+def _encode_poses(poses: RobotPoses) -> Json:
+    return _present({"ids": poses.ids, "T_base_gripper": poses.T_base_gripper, "source": poses.source or None})
+
+
+def _encode_observations(observations: Observations) -> Json:
+    views = [
+        _present(
+            {
+                "id": v.id,
+                "camera": v.camera,
+                "moment": v.moment if v.moment != v.id else None,
+                "file": v.file,
+                "point_ids": v.point_ids,
+                "points": v.points,
+                "uv": v.uv,
+                "sigma_px": v.sigma_px,
+            }
+        )
+        for v in observations.views
+    ]
+    return _present(
+        {
+            "target": observations.target,
+            "image_sizes": observations.image_sizes,
+            "views": views,
+            "missed": [_present(vars(m)) for m in observations.missed] or None,
+            "notes": observations.notes or None,
+        }
+    )
+
+
+def plain(value: Any, where: str) -> Any:
+    """The value in JSON's own types. Raises: InputError naming the place of a number that is not finite."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): plain(item, f"{where}.{key}") for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item, f"{where}[{i}]") for i, item in enumerate(value)]
+    if isinstance(value, PurePath):
+        return str(value)
+    if isinstance(value, float) and not np.isfinite(value):
+        raise InputError(f"{where} is {value}: a result file holds finite numbers only; nothing was written")
+    if value is None or isinstance(value, str | bool | int | float):
+        return value
+    raise InputError(f"{where} is a {type(value).__name__}, which JSON cannot hold; nothing was written")
+
+
+def format_json(value: Any, depth: int = 0) -> str:
+    """JSON with a line for each key and each record, and every array of numbers on one line."""
+    pad = "  " * (depth + 1)
+    if isinstance(value, dict) and value:
+        lines = [
+            f"{pad}{json.dumps(key, ensure_ascii=False)}: {format_json(item, depth + 1)}" for key, item in value.items()
+        ]
+        return "{\n" + ",\n".join(lines) + "\n" + "  " * depth + "}"
+    if isinstance(value, list) and any(isinstance(item, dict) for item in value):
+        lines = [pad + format_json(item, depth + 1) for item in value]
+        return "[\n" + ",\n".join(lines) + "\n" + "  " * depth + "]"
+    return json.dumps(value, ensure_ascii=False, allow_nan=False)

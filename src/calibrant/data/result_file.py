@@ -1,0 +1,107 @@
+"""The result file: JSON, format calibrant/1, written whole or not at all and read back without loss.
+
+`docs/file-formats.md` lists the keys. Keys that do not apply are absent. Numbers are written so that reading gives the
+same double; NaN and infinity are never written. An observations file is a result of kind "observations".
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from calibrant.data.observations import Observations
+from calibrant.data.result_decoding import decode, refuse_constant
+from calibrant.data.result_encoding import FORMAT, encode, format_json, plain
+from calibrant.data.results import CalibrationResult
+from calibrant.errors import InputError
+
+
+def write_result(result: CalibrationResult, path: str | Path, *, force: bool = False) -> Path:
+    """Write a result file. An empty `created` or `version` is filled in with the time (UTC) and this version.
+
+    Raises: InputError when the path exists and `force` is False, cannot be written, or a number is not finite.
+    """
+    data = plain(encode(result), "result")
+    return write_text(format_json(data) + "\n", path, force=force)
+
+
+def read_result(path: str | Path) -> CalibrationResult:
+    """Read a result file. Raises: InputError: missing, not JSON, another format, a key missing or of the wrong kind."""
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"cannot read {path}: {_reason(error)}; expected a JSON file of format {FORMAT}") from error
+    try:
+        data = json.loads(text, parse_constant=refuse_constant)
+    except json.JSONDecodeError as error:
+        raise InputError(
+            f"{path}:{error.lineno}: not JSON ({error.msg}); expected a result file of format {FORMAT}"
+        ) from error
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    try:
+        return decode(data)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def write_observations(
+    observations: Observations,
+    path: str | Path,
+    *,
+    options: Mapping[str, Any] | None = None,
+    inputs: Iterable[Mapping[str, str]] = (),
+    force: bool = False,
+) -> Path:
+    """Write an observations file: a result of kind "observations". Raises as `write_result`."""
+    result = CalibrationResult(
+        "observations", "ok", observations=observations, options=dict(options or {}), inputs=tuple(inputs)
+    )
+    return write_result(result, path, force=force)
+
+
+def read_observations(path: str | Path) -> Observations:
+    """The observations in a result file of any kind. Raises: InputError as `read_result`, or when it holds none."""
+    result = read_result(path)
+    if result.observations is None:
+        raise InputError(
+            f"{path}: a {result.kind} result without observations; give a file written by calibrant detect"
+        )
+    return result.observations
+
+
+def write_text(text: str, path: str | Path, *, force: bool = False) -> Path:
+    """Write a text file whole or not at all: a temporary neighbour is filled, synced and renamed over the path.
+
+    Raises: InputError when the path exists and `force` is False, or cannot be written; nothing is left behind.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise InputError(f"cannot write {path}: it is a folder; give the name of a file in it")
+    if path.exists() and not force:
+        raise InputError(f"{path} exists already; give another name, or --force (force=True) to replace it")
+    target = Path(os.path.realpath(path))  # a link stays a link: the file behind it is replaced
+    temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}.tmp")
+    try:
+        try:
+            with open(temporary, "x", encoding="utf-8", newline="\n") as stream:
+                stream.write(text)
+                stream.flush()
+                os.fsync(stream.fileno())
+            os.replace(temporary, target)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"cannot write {path}: {_reason(error)}; choose a folder that exists and is writable"
+        ) from error
+    return path
+
+
+def _reason(error: Exception) -> str:
+    return error.strerror.lower() if isinstance(error, OSError) and error.strerror else str(error)

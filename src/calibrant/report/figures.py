@@ -1,0 +1,139 @@
+"""The figures of a result, ready to be shown: parameters, transforms, noise, methods, each with its uncertainty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.cameras import Camera
+from calibrant.data import DEFAULT_CAMERA, CalibrationResult, MethodResult, TransformEstimate
+from calibrant.geometry import se3, so3
+from calibrant.report.numbers import Figure, plain, with_sigma
+
+Array = NDArray[np.float64]
+
+JOINT = "joint"
+"""Name of the weighted joint refinement among the methods."""
+_GIMBAL_COSINE = 1e-6
+"""Below this cosine of the pitch, yaw and roll turn about the same axis and have no uncertainty of their own."""
+
+
+@dataclass(frozen=True)
+class MethodRow:
+    """One hand-eye method: the loop's spread and how far its camera transform lies from the joint refinement's."""
+
+    name: str
+    loop_mm: float | None
+    loop_deg: float | None
+    from_joint_mm: float | None
+    from_joint_deg: float | None
+    message: str
+
+
+@dataclass(frozen=True)
+class Fact:
+    """A line of the summary: what it is, the figure in words with its unit, and what it means."""
+
+    name: str
+    text: str
+    note: str = ""
+
+
+def camera_figures(camera: Camera) -> list[Figure]:
+    """The camera's parameters in the model's order; fixed ones have sigma 0."""
+    sigma = camera.sigma
+    names, units = camera.model.parameter_names, camera.model.parameter_units
+    return [Figure(n, camera.parameters[n], sigma.get(n), unit) for n, unit in zip(names, units, strict=True)]
+
+
+def translation_figures(estimate: TransformEstimate) -> list[Figure]:
+    """Position of the child's origin in the parent, millimetres."""
+    sigma = estimate.sigma_translation_mm
+    t = 1e3 * estimate.matrix[:3, 3]
+    return [Figure(n, float(t[i]), None if sigma is None else float(sigma[i]), "mm") for i, n in enumerate("xyz")]
+
+
+def quaternion_figures(estimate: TransformEstimate) -> list[Figure]:
+    """Quaternion x, y, z, w (w >= 0) with sigma from q' = (1, omega/2) q, omega about the parent's axes."""
+    w, x, y, z = so3.quaternion_wxyz(estimate.matrix[:3, :3])
+    # d(xyzw)/d(omega) of the product (0, omega/2) (w, v): dv = (w omega + omega x v)/2, dw = -omega.v/2.
+    J = 0.5 * np.array([[w, z, -y], [-z, w, x], [y, -x, w], [-x, -y, -z]])
+    sigma = _propagated(J, estimate)
+    return [Figure(f"q{n}", float(q), s, "1") for n, q, s in zip("xyzw", (x, y, z, w), sigma, strict=True)]
+
+
+def yaw_pitch_roll_figures(estimate: TransformEstimate) -> list[Figure]:
+    """Yaw, pitch, roll in degrees, R = Rz(yaw) Ry(pitch) Rx(roll), with their sigma.
+
+    omega = yaw' e_z + pitch' Rz e_y + roll' Rz Ry e_x gives the rates, hence the sigma; at pitch = ±90 deg yaw and roll
+    cannot be told apart: roll is set to 0 and no sigma is given.
+    """
+    R = estimate.matrix[:3, :3]
+    cosine = float(np.hypot(R[0, 0], R[1, 0]))
+    pitch = float(np.arctan2(-R[2, 0], cosine))
+    if cosine < _GIMBAL_COSINE:
+        yaw, roll = float(np.arctan2(-R[0, 1], R[1, 1])), 0.0
+        sigma: list[float | None] = [None, None, None]
+    else:
+        yaw, roll = float(np.arctan2(R[1, 0], R[0, 0])), float(np.arctan2(R[2, 1], R[2, 2]))
+        cy, sy = np.cos(yaw), np.sin(yaw)
+        axes = np.array([[0, -sy, cy * np.cos(pitch)], [0, cy, sy * np.cos(pitch)], [1, 0, -np.sin(pitch)]])
+        sigma = _propagated(np.rad2deg(np.linalg.inv(axes)), estimate)
+    names = ("yaw", "pitch", "roll")
+    return [Figure(n, float(np.rad2deg(a)), s, "deg") for n, a, s in zip(names, (yaw, pitch, roll), sigma, strict=True)]
+
+
+def method_rows(result: CalibrationResult) -> list[MethodRow]:
+    """The methods in the result's order, each beside the joint refinement (or the result's own camera transform)."""
+    joint = result.methods.get(JOINT)
+    cameras = [t.matrix for t in result.transforms if t.child in result.cameras or t.child == DEFAULT_CAMERA]
+    reference = joint.matrix if joint is not None else cameras[0] if cameras else None
+    return [_method_row(name, method, None if name == JOINT else reference) for name, method in result.methods.items()]
+
+
+def noise_facts(result: CalibrationResult) -> list[Fact]:
+    """Residuals, estimated noise, target scale and held-out errors, as far as the result has them."""
+    facts: list[Fact] = []
+    if result.rms_px is not None:
+        facts.append(Fact("RMS error", f"{plain(result.rms_px, digits=3)} px", "per point, both axes"))
+    if result.sigma_px is not None:
+        facts.append(Fact("pixel noise, 1σ", f"{plain(result.sigma_px, digits=3)} px", "per axis, from the residuals"))
+    robot = result.sigma_robot
+    if robot is not None:
+        text = (
+            f"{with_sigma_or_plain(robot.mm, robot.mm_sigma)} mm, {with_sigma_or_plain(robot.deg, robot.deg_sigma)} deg"
+        )
+        facts.append(Fact("robot noise, 1σ", text, "per axis, estimated from the data"))
+    if result.target_scale is not None:
+        scale = result.target_scale
+        facts.append(Fact("target scale", with_sigma(scale.value, scale.sigma), "real size / given size"))
+    held = result.held_out
+    if held is not None:
+        figures = ((held.mm, "mm"), (held.deg, "deg"), (held.px, "px"))
+        parts = [f"{plain(value, digits=3)} {unit}" for value, unit in figures if value is not None]
+        if parts:
+            facts.append(Fact("held-out error", ", ".join(parts), "RMS on views kept out of the fit"))
+    return facts
+
+
+def with_sigma_or_plain(value: float, sigma: float | None) -> str:
+    """Value ± sigma, or three digits of the value when its uncertainty is not known."""
+    return plain(value, digits=3) if not sigma else with_sigma(value, sigma)
+
+
+def _propagated(J: Array, estimate: TransformEstimate) -> list[float | None]:
+    """1 sigma of each row of J times the rotation's perturbation (radians about the parent's axes)."""
+    if estimate.covariance is None:
+        return [None] * len(J)
+    variance = np.einsum("ij,jk,ik->i", J, estimate.covariance[:3, :3], J)
+    return [float(s) for s in np.sqrt(np.maximum(variance, 0.0))]
+
+
+def _method_row(name: str, method: MethodResult, reference: Array | None) -> MethodRow:
+    mm = deg = None
+    if method.matrix is not None and reference is not None:
+        delta = se3.local(reference, method.matrix)
+        mm, deg = 1e3 * float(np.linalg.norm(delta[3:])), float(np.rad2deg(np.linalg.norm(delta[:3])))
+    return MethodRow(name, method.loop_rms_mm, method.loop_rms_deg, mm, deg, method.message)

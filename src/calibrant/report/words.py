@@ -1,0 +1,111 @@
+"""What a result says in words: the verdict in one line, the views and why each was used or not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from calibrant.data import CalibrationResult, Check, ViewResult
+from calibrant.report.figures import camera_figures, translation_figures
+from calibrant.report.numbers import plain, sigma_text
+
+STATUS_WORDS = {"ok": "ok", "warn": "warning", "fail": "FAILED"}
+VERDICT_WORDS = {"ok": "GOOD", "warn": "USE WITH CARE", "refused": "DO NOT USE"}
+KIND_TITLES = {"intrinsics": "Camera calibration", "hand-eye": "Hand-eye calibration"}
+
+_SEVERITY = {"fail": 0, "warn": 1, "ok": 2}
+
+
+@dataclass(frozen=True)
+class ViewRow:
+    """One image of the data set: whether it was used, its error, and the reason where it was left out or flagged."""
+
+    id: str
+    camera: str
+    used: bool
+    points: int
+    points_left_out: int
+    rms_px: float | None
+    reason: str
+
+    @property
+    def status(self) -> str:
+        """ "used", "used, flagged" or "left out"."""
+        if not self.used:
+            return "left out"
+        return "used, flagged" if self.reason else "used"
+
+
+def title(result: CalibrationResult) -> str:
+    """What kind of result this is."""
+    return KIND_TITLES.get(result.kind, f"Calibration: {result.kind}")
+
+
+def view_rows(result: CalibrationResult) -> list[ViewRow]:
+    """Every image in order: the views of the result, then the images in which no target was found."""
+    rows = [_row(view) for view in result.views]
+    known = {(row.camera, row.id) for row in rows} | {("", row.id) for row in rows if not row.camera}
+    for missed in result.observations.missed if result.observations else ():
+        if (missed.camera, missed.id) not in known and ("", missed.id) not in known:
+            rows.append(ViewRow(missed.id, missed.camera, False, 0, 0, None, missed.reason))
+    return rows
+
+
+def sorted_checks(result: CalibrationResult) -> list[Check]:
+    """The checks, the worst first."""
+    return sorted(result.checks, key=lambda check: _SEVERITY[check.status])
+
+
+def verdict_sentence(result: CalibrationResult) -> str:
+    """The verdict in one sentence: what to do with the result and the reason that matters most."""
+    failed = [c for c in result.checks if c.status == "fail"]
+    warned = [c for c in result.checks if c.status == "warn"]
+    if result.verdict == "refused":
+        reason = failed[0].message if failed else "the data cannot determine the result."
+        return f"{_sentence(reason)}{_more(len(failed) - 1, 'failed check')}"
+    if result.verdict == "warn":
+        reason = f" {_sentence(warned[0].message)}" if warned else ""
+        return f"{_accuracy(result)}{reason}{_more(len(warned) - 1, 'warning')}"
+    return f"{_accuracy(result)} {_passed(result)}".strip()
+
+
+def _accuracy(result: CalibrationResult) -> str:
+    if result.kind == "hand-eye" and result.transforms:
+        estimate = result.transforms[0]
+        figures, turns = translation_figures(estimate), estimate.sigma_rotation_deg
+        known = [f.sigma for f in figures if f.sigma is not None]
+        if known and turns is not None:
+            return (
+                f"{estimate.parent} → {estimate.child} is known to {sigma_text(max(known))} mm and "
+                f"{sigma_text(float(turns.max()))} deg (1σ, worst axis)."
+            )
+    if result.cameras:
+        figures = [f for f in camera_figures(next(iter(result.cameras.values()))) if f.sigma]
+        focal = [f for f in figures if f.name in ("fx", "fy", "f")]
+        if focal:
+            f = focal[0]
+            return f"{f.name} is known to {plain(100 * f.sigma / f.value, digits=2)} % (1σ)." if f.sigma else ""
+    return "Done."
+
+
+def _passed(result: CalibrationResult) -> str:
+    rows, used = view_rows(result), sum(row.used for row in view_rows(result))
+    views = f"{used} of {len(rows)} views used" if rows else ""
+    checks = "every check passed" if result.checks else ""
+    text = ", ".join(part for part in (views, checks) if part)
+    return f"{text[:1].upper()}{text[1:]}." if text else ""
+
+
+def _row(view: ViewResult) -> ViewRow:
+    return ViewRow(
+        view.id, view.camera or "", view.used, view.points, view.points_left_out, view.rms_px, view.reason or ""
+    )
+
+
+def _sentence(text: str) -> str:
+    text = text.strip()
+    text = f"{text[:1].upper()}{text[1:]}"
+    return text if text.endswith((".", "!", "?")) else f"{text}."
+
+
+def _more(count: int, noun: str) -> str:
+    return f" (And {count} more {noun}{'s' if count > 1 else ''}: see the checks.)" if count > 0 else ""

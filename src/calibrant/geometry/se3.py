@@ -92,7 +92,8 @@ def mean(T: ArrayLike, *, weights: ArrayLike | None = None) -> Array:
     m = np.asarray(T, dtype=np.float64)
     if m.ndim != 3 or len(m) == 0:
         raise InputError(f"the mean of transforms needs an (n, 4, 4) array with n >= 1, got shape {m.shape}")
-    return make(so3.mean(m[:, :3, :3], weights=weights), np.average(m[:, :3, 3], axis=0, weights=weights))
+    w = None if weights is None else np.asarray(weights, dtype=np.float64)
+    return make(so3.mean(m[:, :3, :3], weights=w), np.average(m[:, :3, 3], axis=0, weights=w))
 
 
 def check(T: ArrayLike, *, name: str, tolerance: float = 1e-4) -> Array:
@@ -111,7 +112,9 @@ def check(T: ArrayLike, *, name: str, tolerance: float = 1e-4) -> Array:
         if not np.all(np.isfinite(row)):
             raise InputError(f"{label} holds NaN or infinite values; every pose needs finite numbers")
         if np.abs(row[3] - [0, 0, 0, 1]).max() > 1e-9:
-            raise InputError(f"{label}: the last row is {row[3].tolist()}, expected [0, 0, 0, 1]; is the matrix transposed?")
+            raise InputError(
+                f"{label}: the last row is {row[3].tolist()}, expected [0, 0, 0, 1]; is the matrix transposed?"
+            )
         R = row[:3, :3]
         det, off = np.linalg.det(R), np.abs(R @ R.T - np.eye(3)).max()
         if off > tolerance:

@@ -11,7 +11,8 @@ from __future__ import annotations
 from numba import types
 
 _matrix = types.float64[:, ::1]
-ROWS_ARGUMENTS = types.int64(types.int64, types.float64[::1], _matrix, _matrix, _matrix, _matrix)
+_constant_vector = types.Array(types.float64, 1, "C", readonly=True)  # values are frozen; writable arrays convert
+ROWS_ARGUMENTS = types.int64(types.int64, _constant_vector, _matrix, _matrix, _matrix, _matrix)
 ROWS = types.FunctionType(ROWS_ARGUMENTS)
 FAST = {"reassoc", "contract", "arcp", "nsz"}
 """LLVM's relaxations that keep NaN and infinity, so that bad points stay visible, yet let sums vectorise."""

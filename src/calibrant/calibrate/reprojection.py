@@ -1,0 +1,258 @@
+"""Reprojection: the factor that ties cameras, poses and targets together in every calibration problem.
+
+A view sees target points p_target through a chain of transforms, T_camera_target = prod_k L_k, each link a variable or
+its inverse:
+
+    intrinsics   T_camera_target
+    rig          T_camera_rig  T_rig_target
+    eye-in-hand  T_gripper_camera^-1  T_base_gripper^-1  T_base_target
+    eye-to-hand  T_base_camera^-1  T_base_gripper  T_gripper_target
+
+    r = project(theta, T_camera_target (p + sum_j m_j d_j)) - uv
+
+with theta the camera's parameters and d_j the target's modes (scale, bending). The kernel differentiates with respect
+to T_camera_target alone; each link's share follows from the 6x6 matrix that maps the link's tangent to the chain's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.cameras import CameraModel
+from calibrant.data import View
+from calibrant.geometry import se3, so3
+from calibrant.optimize.factors import Factor, FactorBlocks
+from calibrant.optimize.losses import Loss
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+PARALLEL_POINTS = 4000
+"""Points from which a second core pays: starting the team costs ~10 us, a point costs ~50 ns."""
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """One transform of the chain: a variable, the instance (m,) each view uses, and whether it enters inverted."""
+
+    variable: str
+    indices: Indices
+    inverted: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class TargetModes:
+    """How the target may deform: points + sum_j m_j directions_j; variable holds m (1, k); directions (k, N, 3), metres."""
+
+    variable: str
+    directions: Array
+
+
+@dataclass(frozen=True, eq=False)
+class StackedViews:
+    """Views laid end to end: points (N, 3), uv (N, 2), sigma (N,) relative, offsets (m + 1,) of the views' first points."""
+
+    points: Array
+    uv: Array
+    sigma: Array
+    offsets: Indices
+
+
+def stack(views: Sequence[View]) -> StackedViews:
+    """Lay views end to end."""
+    counts = np.array([len(v) for v in views], dtype=np.int64)
+    offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    points = np.concatenate([v.points for v in views])
+    uv = np.concatenate([v.uv for v in views])
+    if all(v.sigma_px is None for v in views):
+        return StackedViews(points, uv, np.ones(len(uv)), offsets)
+    sigma = np.concatenate([np.ones(len(v)) if v.sigma_px is None else v.sigma_px for v in views])
+    return StackedViews(points, uv, sigma, offsets)
+
+
+class ReprojectionFactor(Factor):
+    """Residuals in pixels of views of one camera model; an edge is a view, a residual block a point."""
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        model: CameraModel,
+        camera: str,
+        chain: Sequence[Link],
+        views: StackedViews,
+        camera_indices: Indices | None = None,
+        modes: TargetModes | None = None,
+        noise: str = "pixel",
+        loss: Loss | None = None,
+    ) -> None:
+        m = len(views.offsets) - 1
+        cameras = np.zeros(m, dtype=np.int64) if camera_indices is None else np.asarray(camera_indices, dtype=np.int64)
+        self.model, self.chain, self.views, self.modes = model, tuple(chain), views, modes
+        variables, indices = [link.variable for link in chain] + [camera], [link.indices for link in chain] + [cameras]
+        if modes is not None:
+            variables.append(modes.variable)
+            indices.append(np.zeros(m, dtype=np.int64))
+        super().__init__(
+            name,
+            variables=variables,
+            indices=indices,
+            dim=2,
+            noise=noise,
+            relative_sigma=views.sigma,
+            row_offsets=views.offsets,
+            loss=loss,
+        )
+        self._edge_of_row = np.repeat(np.arange(m), np.diff(views.offsets))
+        self._points = np.ascontiguousarray(views.points.T)
+        self._uv = np.ascontiguousarray(views.uv.T)
+        n_modes = 0 if modes is None else len(modes.directions)
+        self._modes = np.zeros((0, 3, 0)) if modes is None else np.ascontiguousarray(np.swapaxes(modes.directions, 1, 2))
+        self._width = 6 + len(model.parameter_names) + n_modes
+
+    def _split(self, values: Sequence[Array]) -> tuple[Sequence[Array], Array, Array]:
+        k = len(self.chain)
+        theta = values[k + 1] if self.modes is not None else np.zeros((1, 0))
+        return values[:k], values[k], theta
+
+    def T_camera_target(self, *values: Array) -> Array:
+        """The chain's product (m, 4, 4) for the slots' values."""
+        T = None
+        for link, value in zip(self.chain, self._split(values)[0]):
+            factor = se3.inverse(value) if link.inverted else value
+            T = factor if T is None else T @ factor
+        if T is None:
+            raise ValueError("a reprojection chain needs at least one link")
+        return np.ascontiguousarray(np.broadcast_to(T, (self.edges, 4, 4)))
+
+    def _deformed(self, theta: Array) -> Array:
+        if self.modes is None:
+            return self.views.points
+        return self.views.points + np.tensordot(theta[0], self.modes.directions, axes=1)
+
+    def residuals(self, *values: Array) -> Array:
+        _, parameters, theta = self._split(values)
+        T = self.T_camera_target(*values)[self._edge_of_row]
+        p = se3.apply(T, self._deformed(theta))
+        if len(np.unique(self.indices[len(self.chain)])) == 1:
+            return self.model.project(parameters[0], p) - self.views.uv
+        out = np.empty_like(self.views.uv)
+        for edge in range(self.edges):
+            rows = slice(self.views.offsets[edge], self.views.offsets[edge + 1])
+            out[rows] = self.model.project(parameters[edge], p[rows])
+        return out - self.views.uv
+
+    def linearize(self, *values: Array) -> tuple[Array, tuple[Array, ...]]:
+        _, parameters, theta = self._split(values)
+        T = self.T_camera_target(*values)
+        rows = T[self._edge_of_row]
+        rotated = np.einsum("nij,nj->ni", rows[:, :3, :3], self._deformed(theta))
+        p = rotated + rows[:, :3, 3]
+        uv, J_point, J_camera = self._project(parameters, p)
+        J_pose = np.concatenate([-J_point @ so3.hat(rotated), J_point], axis=-1)
+        jacobians = [
+            J_pose @ np.broadcast_to(M, (self.edges, 6, 6))[self._edge_of_row] for M in self._link_maps(values)
+        ]
+        jacobians.append(J_camera)
+        if self.modes is not None:
+            directions = np.einsum("nij,knj->nik", rows[:, :3, :3], self.modes.directions)
+            jacobians.append(J_point @ directions)
+        return uv - self.views.uv, tuple(jacobians)
+
+    def _project(self, parameters: Array, p: Array) -> tuple[Array, Array, Array]:
+        k = len(self.model.parameter_names)
+        uv, J_point, J_camera = np.empty((len(p), 2)), np.empty((len(p), 2, 3)), np.empty((len(p), 2, k))
+        for edge in range(self.edges):
+            s = slice(self.views.offsets[edge], self.views.offsets[edge + 1])
+            a = parameters[edge if len(parameters) > 1 else 0]
+            uv[s], J_point[s], J_camera[s] = self.model.project_with_jacobians(a, p[s])
+        return uv, J_point, J_camera
+
+    def _link_maps(self, values: Sequence[Array]) -> list[Array]:
+        """Matrices (m, 6, 6) from each link's tangent to the chain's, both in `se3.retract`'s chart.
+
+        For T = L T_k M: omega = R_L omega_k, v = R_L (omega_k x (R_k t_M) + v_k); an inverted link first maps its own
+        tangent to its inverse's: omega' = -R^T omega, v' = -R^T (v - omega x t).
+        """
+        poses = self._split(values)[0]
+        if len(self.chain) == 1 and not self.chain[0].inverted:
+            return [np.eye(6)[None]]
+        factors = [se3.inverse(v) if link.inverted else v for link, v in zip(self.chain, poses)]
+        maps = []
+        for k, link in enumerate(self.chain):
+            left: Array = np.eye(4)[None]
+            for factor in factors[:k]:
+                left = left @ factor
+            right: Array = np.eye(4)[None]
+            for factor in factors[k + 1 :]:
+                right = right @ factor
+            R_left = left[:, :3, :3]
+            arm = (factors[k][:, :3, :3] @ right[:, :3, 3, None])[..., 0]
+            M = np.zeros((max(len(R_left), len(arm)), 6, 6))
+            M[:, :3, :3] = M[:, 3:, 3:] = R_left
+            M[:, 3:, :3] = -R_left @ so3.hat(arm)
+            if link.inverted:
+                M = M @ _inverse_map(poses[k])
+            maps.append(M)
+        return maps
+
+    def blocks(self, values: Sequence[Array], *, sigma: float) -> FactorBlocks:
+        from calibrant.calibrate import reprojection_kernels
+
+        poses, parameters, theta = self._split(values)
+        m, width = self.edges, self._width
+        H, g, cost = np.empty((m, width, width)), np.empty((m, width)), np.empty(m)
+        camera = np.arange(m) if len(parameters) == m and m > 1 else np.zeros(m, dtype=np.int64)
+        kernel = reprojection_kernels.parallel if len(self.weight) >= PARALLEL_POINTS else reprojection_kernels.serial
+        kernel(
+            self.model.rows(),
+            np.ascontiguousarray(parameters),
+            camera,
+            self.T_camera_target(*values),
+            np.ascontiguousarray(theta[:1]),
+            self._modes,
+            self._points,
+            self._uv,
+            self.weight / sigma,
+            self.views.offsets,
+            self.loss.kind,
+            self.loss.scale_sq,
+            H,
+            g,
+            cost,
+        )
+        return self._through_chain(H, g, float(cost.sum()), self._link_maps(values))
+
+    def _through_chain(self, H: Array, g: Array, cost: float, maps: Sequence[Array]) -> FactorBlocks:
+        """Blocks of the slots from those of (T_camera_target, camera, modes)."""
+        links, k = len(self.chain), len(self.model.parameter_names)
+        pieces = [slice(0, 6)] * links + [slice(6, 6 + k)]
+        if self.modes is not None:
+            pieces.append(slice(6 + k, self._width))
+        if links == 1 and not self.chain[0].inverted:
+            maps = [None]  # type: ignore[list-item]
+        gradient, hessian = [], {}
+        for a, rows in enumerate(pieces):
+            left = maps[a] if a < links else None
+            ga = g[:, rows]
+            gradient.append(ga if left is None else np.einsum("nij,ni->nj", np.broadcast_to(left, (len(g), 6, 6)), ga))
+            for b in range(a, len(pieces)):
+                block = H[:, rows, pieces[b]]
+                if left is not None:
+                    block = np.swapaxes(left, -1, -2) @ block
+                right = maps[b] if b < links else None
+                hessian[a, b] = block if right is None else block @ right
+        return FactorBlocks(cost, tuple(gradient), hessian)
+
+
+def _inverse_map(T: Array) -> Array:
+    """Tangent of T^-1 from the tangent of T: [[-R^T, 0], [-R^T hat(t), -R^T]]."""
+    Rt = np.swapaxes(T[:, :3, :3], -1, -2)
+    M = np.zeros((len(T), 6, 6))
+    M[:, :3, :3] = M[:, 3:, 3:] = -Rt
+    M[:, 3:, :3] = -Rt @ so3.hat(T[:, :3, 3])
+    return M

@@ -1,0 +1,158 @@
+"""Compiled normal equations of reprojection: project, differentiate and accumulate one view at a time.
+
+For each view the columns of the Jacobian are laid out as contiguous rows of one scratch matrix, u residuals first and
+v residuals after them: six of T_camera_target's chart, the camera's parameters, the target's modes, and the residual.
+The normal equations are the products of those rows, so that one pass yields H, g and the cost, and the inner loops are
+plain sums over contiguous memory. Views are independent: each writes its own block, so the result does not depend on
+the number of threads.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, prange, types
+
+from calibrant.cameras.kernels import FAST, ROWS
+
+
+
+def _constant(kind, ndim):  # type: ignore[no-untyped-def]
+    """Type of an input array: frozen values are read-only, writable arrays convert."""
+    return types.Array(kind, ndim, "C", readonly=True)
+
+
+_c1, _c2, _c3 = (_constant(types.float64, n) for n in (1, 2, 3))
+_i1 = _constant(types.int64, 1)
+_f1, _f2, _f3 = types.float64[::1], types.float64[:, ::1], types.float64[:, :, ::1]
+
+_SIGNATURE = types.void(ROWS, _c2, _i1, _c3, _c2, _c3, _c2, _c2, _c1, _i1, types.int64, types.float64, _f3, _f2, _f1)
+
+
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy", inline="always")
+def _robust(kind, k2, s):  # type: ignore[no-untyped-def]
+    """rho(s) and its slope; the kinds of `optimize.losses`."""
+    if kind == 1:
+        if s <= k2:
+            return s, 1.0
+        r = np.sqrt(s)
+        k = np.sqrt(k2)
+        return 2.0 * k * r - k2, k / r
+    if kind == 2:
+        return k2 * np.log(1.0 + s / k2), k2 / (k2 + s)
+    if kind == 3:
+        ratio = k2 / (k2 + s)
+        return s * ratio, ratio * ratio
+    return s, 1.0
+
+
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+def _accumulate(J, q, length, H, g):  # type: ignore[no-untyped-def]
+    """H = J J^T and g = J r over the first `length` columns; r is row q. Four sums at once share the load of a row."""
+    for a in range(q):
+        b = a
+        while b + 3 < q + 1:
+            s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0
+            for i in range(length):
+                x = J[a, i]
+                s0 += x * J[b, i]
+                s1 += x * J[b + 1, i]
+                s2 += x * J[b + 2, i]
+                s3 += x * J[b + 3, i]
+            H[a, b] = s0
+            H[a, b + 1] = s1
+            H[a, b + 2] = s2
+            if b + 3 < q:
+                H[a, b + 3] = s3
+            else:
+                g[a] = s3
+            b += 4
+        while b < q + 1:
+            s0 = 0.0
+            for i in range(length):
+                s0 += J[a, i] * J[b, i]
+            if b < q:
+                H[a, b] = s0
+            else:
+                g[a] = s0
+            b += 1
+        for b in range(a):
+            H[a, b] = H[b, a]
+
+
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+def _view(rows, parameters, T, theta, points, modes, uv, weight, first, n, loss, scale_sq, H, g):  # type: ignore[no-untyped-def]
+    """Normal equations of one view; returns its cost."""
+    k, m = parameters.shape[0], modes.shape[0]
+    q = 6 + k + m
+    p = np.empty((3, n))
+    rotated = np.empty((3, n))
+    predicted = np.empty((2, n))
+    J_point = np.empty((6, n))
+    J_parameters = np.empty((2 * k, n))
+    J = np.empty((q + 1, 2 * n))
+    for i in range(n):
+        x, y, z = points[0, first + i], points[1, first + i], points[2, first + i]
+        for mode in range(m):
+            x += theta[mode] * modes[mode, 0, first + i]
+            y += theta[mode] * modes[mode, 1, first + i]
+            z += theta[mode] * modes[mode, 2, first + i]
+        rx = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z
+        ry = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z
+        rz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z
+        rotated[0, i], rotated[1, i], rotated[2, i] = rx, ry, rz
+        p[0, i], p[1, i], p[2, i] = rx + T[0, 3], ry + T[1, 3], rz + T[2, 3]
+    rows(n, parameters, p, predicted, J_point, J_parameters)
+    cost = 0.0
+    root = np.empty(n)
+    for i in range(n):
+        w = weight[first + i]
+        du, dv = predicted[0, i] - uv[0, first + i], predicted[1, i] - uv[1, first + i]
+        rho, slope = _robust(loss, scale_sq, (du * du + dv * dv) * w * w)
+        cost += 0.5 * rho
+        w *= np.sqrt(slope)
+        root[i] = w
+        J[q, i], J[q, n + i] = w * du, w * dv
+    for half in range(2):
+        o, j = half * n, half * 3
+        for i in range(n):
+            w = root[i]
+            jx, jy, jz = w * J_point[j, i], w * J_point[j + 1, i], w * J_point[j + 2, i]
+            rx, ry, rz = rotated[0, i], rotated[1, i], rotated[2, i]
+            J[0, o + i] = jz * ry - jy * rz
+            J[1, o + i] = jx * rz - jz * rx
+            J[2, o + i] = jy * rx - jx * ry
+            J[3, o + i], J[4, o + i], J[5, o + i] = jx, jy, jz
+        for c in range(k):
+            for i in range(n):
+                J[6 + c, o + i] = root[i] * J_parameters[half * k + c, i]
+        for mode in range(m):
+            for i in range(n):
+                dx, dy, dz = modes[mode, 0, first + i], modes[mode, 1, first + i], modes[mode, 2, first + i]
+                vx = T[0, 0] * dx + T[0, 1] * dy + T[0, 2] * dz
+                vy = T[1, 0] * dx + T[1, 1] * dy + T[1, 2] * dz
+                vz = T[2, 0] * dx + T[2, 1] * dy + T[2, 2] * dz
+                J[6 + k + mode, o + i] = root[i] * (
+                    J_point[j, i] * vx + J_point[j + 1, i] * vy + J_point[j + 2, i] * vz
+                )
+    _accumulate(J, q, 2 * n, H, g)
+    return cost
+
+
+@njit(_SIGNATURE, cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+def serial(rows, parameters, camera, T, theta, modes, points, uv, weight, offsets, loss, scale_sq, H, g, cost):  # type: ignore[no-untyped-def]
+    """Fill H (m, q, q), g (m, q) and cost (m,) view by view, on this thread."""
+    for v in range(offsets.shape[0] - 1):
+        first, n = offsets[v], offsets[v + 1] - offsets[v]
+        cost[v] = _view(
+            rows, parameters[camera[v]], T[v], theta[0], points, modes, uv, weight, first, n, loss, scale_sq, H[v], g[v]
+        )
+
+
+@njit(_SIGNATURE, cache=True, nogil=True, fastmath=FAST, error_model="numpy", parallel=True)
+def parallel(rows, parameters, camera, T, theta, modes, points, uv, weight, offsets, loss, scale_sq, H, g, cost):  # type: ignore[no-untyped-def]
+    """The same on all cores."""
+    for v in prange(offsets.shape[0] - 1):
+        first, n = offsets[v], offsets[v + 1] - offsets[v]
+        cost[v] = _view(
+            rows, parameters[camera[v]], T[v], theta[0], points, modes, uv, weight, first, n, loss, scale_sq, H[v], g[v]
+        )

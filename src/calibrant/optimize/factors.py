@@ -1,0 +1,171 @@
+"""Factors: batches of residuals between variables.
+
+A factor has *edges*. Each edge ties one instance of each of the factor's variables (its slots) and owns one or more
+residual blocks of dimension `dim`: a camera view is an edge, its points are the blocks. A new factor is one class with
+one method, `linearize`. The solver asks for `blocks`: each edge's J^T W J and J^T W r. The default computes them from
+`linearize` with NumPy; a factor may override it with a compiled kernel, whose test the NumPy form stays.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.errors import InputError
+from calibrant.geometry import so3
+from calibrant.optimize.losses import Loss
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+EXACT = "prior"
+"""Noise group of factors whose sigma is given and never estimated."""
+
+
+@dataclass(frozen=True, eq=False)
+class FactorBlocks:
+    """Normal equations of a factor, edge by edge: gradient[a] (m, k_a), hessian[a, b] (m, k_a, k_b) for slots a <= b."""
+
+    cost: float
+    gradient: tuple[Array, ...]
+    hessian: Mapping[tuple[int, int], Array]
+
+
+class Factor(ABC):
+    """A batch of residuals of one kind.
+
+    name: for messages. variables: names of the slots. indices: for each slot, the instance (m,) that each edge uses.
+    noise: the noise group that the residuals are in units of; loss: applied to each block's whitened norm.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        variables: Sequence[str],
+        indices: Sequence[Indices],
+        dim: int,
+        noise: str,
+        relative_sigma: Array | float = 1.0,
+        row_offsets: Indices | None = None,
+        loss: Loss | None = None,
+    ) -> None:
+        self.name = name
+        self.variables = tuple(variables)
+        self.indices = tuple(np.asarray(i, dtype=np.int64) for i in indices)
+        self.dim = dim
+        self.noise = noise
+        self.loss = loss if loss is not None else Loss()
+        self.edges = len(self.indices[0])
+        self.row_offsets = None if row_offsets is None else np.asarray(row_offsets, dtype=np.int64)
+        self.blocks_count = self.edges if self.row_offsets is None else int(self.row_offsets[-1])
+        sigma = np.broadcast_to(np.asarray(relative_sigma, dtype=np.float64), (self.blocks_count,))
+        self.weight = 1.0 / sigma if np.all(np.isfinite(sigma) & (sigma > 0)) else sigma
+        self._check(sigma)
+
+    def _check(self, sigma: Array) -> None:
+        if self.edges == 0 or self.blocks_count == 0:
+            raise InputError(f"factor {self.name!r} is empty: it needs at least one edge with one residual")
+        if any(len(i) != self.edges for i in self.indices) or len(self.indices) != len(self.variables):
+            raise InputError(f"factor {self.name!r}: every slot needs one index an edge ({self.edges} edges)")
+        if not np.all(np.isfinite(sigma) & (sigma > 0)):
+            raise InputError(f"factor {self.name!r}: every relative sigma must be finite and above 0")
+        if self.row_offsets is not None and np.any(np.diff(self.row_offsets) < 1):
+            raise InputError(f"factor {self.name!r}: an edge has no residuals; leave it out")
+
+    @property
+    def residual_count(self) -> int:
+        """Number of scalar residuals."""
+        return self.blocks_count * self.dim
+
+    @abstractmethod
+    def linearize(self, *values: Array) -> tuple[Array, tuple[Array, ...]]:
+        """Residuals r (N, dim), unweighted, and d r / d natural tangent of each slot, (N, dim, k).
+
+        values: for each slot the values (m, …) of its edges' instances. Rows are ordered by edge.
+        """
+
+    def residuals(self, *values: Array) -> Array:
+        """Residuals (N, dim), unweighted: predicted minus observed."""
+        return self.linearize(*values)[0]
+
+    def blocks(self, values: Sequence[Array], *, sigma: float) -> FactorBlocks:
+        """Normal equations with weights 1 / (sigma * relative_sigma) and the loss. values: one array a slot, (m, …)."""
+        r, jacobians = self.linearize(*values)
+        w, cost = self._weights(r, sigma)
+        gradient = tuple(self._sum(np.einsum("n,nd,ndk->nk", w, r, J)) for J in jacobians)
+        hessian = {
+            (a, b): self._sum(np.einsum("n,ndk,ndl->nkl", w, jacobians[a], jacobians[b]))
+            for a in range(len(jacobians))
+            for b in range(a, len(jacobians))
+        }
+        return FactorBlocks(cost, gradient, hessian)
+
+    def whitened_norms(self, values: Sequence[Array], *, sigma: float) -> Array:
+        """Norm (N,) of every residual block in units of its sigma."""
+        r = self.residuals(*values)
+        return np.linalg.norm(r, axis=-1) * self.weight / sigma
+
+    def _weights(self, r: Array, sigma: float) -> tuple[Array, float]:
+        scale = (self.weight / sigma) ** 2
+        with np.errstate(invalid="ignore"):
+            rho, slope = self.loss.evaluate(np.sum(r * r, axis=-1) * scale)
+        return slope * scale, 0.5 * float(rho.sum())
+
+    def _sum(self, rows: Array) -> Array:
+        return rows if self.row_offsets is None else np.add.reduceat(rows, self.row_offsets[:-1], axis=0)
+
+
+class VectorPrior(Factor):
+    """A vector is `mean` within `sigma`, component by component: r = (x - mean) / sigma (noise group "prior")."""
+
+    def __init__(self, name: str, variable: str, index: int, mean: Array, *, sqrt_information: Array) -> None:
+        """sqrt_information (d, k): r = sqrt_information (x - mean); its square is the inverse covariance of the prior."""
+        self.mean = np.asarray(mean, dtype=np.float64)
+        self.sqrt_information = np.asarray(sqrt_information, dtype=np.float64)
+        super().__init__(
+            name,
+            variables=(variable,),
+            indices=(np.array([index]),),
+            dim=len(self.sqrt_information),
+            noise=EXACT,
+        )
+
+    def linearize(self, *values: Array) -> tuple[Array, tuple[Array, ...]]:
+        (x,) = values
+        return (x - self.mean) @ self.sqrt_information.T, (np.broadcast_to(self.sqrt_information, (1, *self.sqrt_information.shape)),)
+
+
+class RotationPrior(Factor):
+    """Measured rotations: r = log(R R_measured^T), radians, along the parent's axes."""
+
+    def __init__(self, name: str, variable: str, measured: Array, *, noise: str, indices: Indices | None = None) -> None:
+        self.measured = np.asarray(measured, dtype=np.float64)[:, :3, :3]
+        index = np.arange(len(self.measured)) if indices is None else indices
+        super().__init__(name, variables=(variable,), indices=(index,), dim=3, noise=noise)
+
+    def linearize(self, *values: Array) -> tuple[Array, tuple[Array, ...]]:
+        (T,) = values
+        r = so3.log(T[:, :3, :3] @ np.swapaxes(self.measured, -1, -2))
+        J = np.zeros((len(r), 3, 6))
+        J[:, :, :3] = so3.left_jacobian_inverse(r)
+        return r, (J,)
+
+
+class TranslationPrior(Factor):
+    """Measured positions: r = t - t_measured, metres, along the parent's axes."""
+
+    def __init__(self, name: str, variable: str, measured: Array, *, noise: str, indices: Indices | None = None) -> None:
+        self.measured = np.asarray(measured, dtype=np.float64)[:, :3, 3]
+        index = np.arange(len(self.measured)) if indices is None else indices
+        super().__init__(name, variables=(variable,), indices=(index,), dim=3, noise=noise)
+
+    def linearize(self, *values: Array) -> tuple[Array, tuple[Array, ...]]:
+        (T,) = values
+        J = np.zeros((len(T), 3, 6))
+        J[:, :, 3:] = np.eye(3)
+        return T[:, :3, 3] - self.measured, (J,)

@@ -1,0 +1,156 @@
+"""The normal equations: assembly from edge blocks, the Schur complement, the step, and the blocks of the inverse.
+
+Compiled kernels do the many small factorisations (`linear_kernels`); `eliminate_numpy` is their readable form and test.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.optimize.factors import FactorBlocks
+from calibrant.optimize.structure import Scatter, Structure
+
+Array = NDArray[np.float64]
+
+PIVOT_TOLERANCE = 1e-14
+"""A Cholesky pivot below this share of its diagonal is rounding (b^2 eps for b ~ 10), not information."""
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """H d = -g in the blocks of `structure`: V, v a batch of components each; W their coupling; S, s the dense part."""
+
+    cost: float
+    V: tuple[Array, ...]
+    v: tuple[Array, ...]
+    W: tuple[Array, ...]
+    S: Array
+    s: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A solution of the damped equations. predicted: decrease of the cost by the quadratic model."""
+
+    components: tuple[Array, ...]
+    shared: Array
+    predicted: float
+
+
+@dataclass(frozen=True, eq=False)
+class Elimination:
+    """V = L L^T, Y = L^-1 W, z = L^-1 v per component; weak (n,) is the first weak pivot's column, -1 when none."""
+
+    L: Array
+    Y: Array
+    z: Array
+    weak: NDArray[np.int64]
+
+
+def assemble(structure: Structure, factors: Sequence[FactorBlocks], *, bases: Sequence[Sequence[Array | None]]) -> NormalEquations:
+    """Sum the edge blocks of all factors. bases: for each factor, each slot's natural-from-free basis, or None."""
+    shared = structure.shared
+    V = [np.zeros((n, b, b)) for b, n in structure.batches]
+    v = [np.zeros((n, b)) for b, n in structure.batches]
+    W = [np.zeros((n, b, shared)) for b, n in structure.batches]
+    S, s = np.zeros((shared, shared)), np.zeros(shared)
+    cost = 0.0
+    for blocks, basis, scatters, gradients in zip(factors, bases, structure.scatters, structure.gradient_scatters):
+        cost += blocks.cost
+        for scatter in scatters:
+            a, b = scatter.slots
+            block = blocks.hessian[a, b]
+            if basis[a] is not None:
+                block = np.swapaxes(basis[a], -1, -2) @ block
+            if basis[b] is not None:
+                block = block @ basis[b]
+            destination = {"V": V, "W": W, "S": [S]}[scatter.destination][scatter.batch]
+            _add(destination, scatter, np.swapaxes(block, -1, -2) if scatter.transpose else block)
+        for scatter in gradients:
+            a = scatter.slots[0]
+            g = blocks.gradient[a]
+            if basis[a] is not None:
+                g = np.einsum("nkf,nk->nf", np.broadcast_to(basis[a], (len(g), *basis[a].shape[1:])), g)
+            _add({"v": v, "s": [s]}[scatter.destination][scatter.batch], scatter, g)
+    return NormalEquations(cost, tuple(V), tuple(v), tuple(W), S, s)
+
+
+def _add(destination: Array, scatter: Scatter, blocks: Array) -> None:
+    if scatter.edges is not None:
+        blocks = blocks[scatter.edges]
+    if scatter.sum_order is not None:
+        blocks = blocks[scatter.sum_order]
+    if scatter.sum_starts is not None:
+        if len(scatter.sum_starts) == 1:
+            blocks = blocks.sum(axis=0, keepdims=True)
+        else:
+            blocks = np.add.reduceat(blocks, scatter.sum_starts, axis=0)
+    destination.reshape(-1)[scatter.target] += blocks.reshape(-1)
+
+
+def _diagonal(M: Array) -> Array:
+    """Diagonal, with 1 in place of 0: an unknown that nothing depends on keeps a zero step."""
+    d = np.einsum("...ii->...i", M)
+    return np.where(d > 0, d, 1.0)
+
+
+def eliminate_numpy(V: Array, W: Array, v: Array, damping: float) -> Elimination:
+    """Readable form of the compiled `eliminate`: Cholesky of V + damping diag V, forward substitution of W and v."""
+    damped = V + damping * _diagonal(V)[..., None] * np.eye(V.shape[-1])
+    L = np.linalg.cholesky(damped)
+    rhs = np.concatenate([W, v[..., None]], axis=-1)
+    solved = np.linalg.solve(L, rhs)
+    return Elimination(L, solved[..., :-1], solved[..., -1], np.full(len(V), -1))
+
+
+def eliminate(V: Array, W: Array, v: Array, damping: float) -> Elimination:
+    """Factorise a batch of components; see `Elimination`."""
+    from calibrant.optimize import linear_kernels
+
+    n, b, s = W.shape
+    L, Y, z, weak = np.empty((n, b, b)), np.empty((n, b, s)), np.empty((n, b)), np.empty(n, dtype=np.int64)
+    linear_kernels.eliminate(V, W, v, damping, PIVOT_TOLERANCE, L, Y, z, weak)
+    return Elimination(L, Y, z, weak)
+
+
+def reduce_shared(equations: NormalEquations, parts: Sequence[Elimination], damping: float) -> tuple[Array, Array]:
+    """S_0 + damping diag S_0 - sum Y^T Y and s - sum Y^T z."""
+    S, s = equations.S.copy(), equations.s.copy()
+    if not len(s):
+        return S, s
+    S[np.diag_indices_from(S)] += damping * _diagonal(equations.S)
+    for part in parts:
+        Y = part.Y.reshape(-1, S.shape[0])
+        S -= Y.T @ Y
+        s -= Y.T @ part.z.reshape(-1)
+    return S, s
+
+
+def solve(equations: NormalEquations, damping: float) -> Step | None:
+    """One damped step, (H + damping diag H) d = -g. None when the matrix is not positive definite: raise the damping."""
+    from calibrant.optimize import linear_kernels
+
+    parts = [eliminate(V, W, v, damping) for V, W, v in zip(equations.V, equations.W, equations.v)]
+    if any(np.any(part.weak >= 0) for part in parts):
+        return None
+    S, s = reduce_shared(equations, parts, damping)
+    shared = np.zeros(0)
+    if len(s):
+        scale = 1 / np.sqrt(_diagonal(equations.S))
+        try:
+            C = np.linalg.cholesky(S * scale[:, None] * scale)
+        except np.linalg.LinAlgError:
+            return None
+        shared = -scale * np.linalg.solve(C.T, np.linalg.solve(C, s * scale))
+    components = []
+    predicted = -0.5 * float(equations.s @ shared) + 0.5 * damping * float(np.sum(_diagonal(equations.S) * shared**2))
+    for part, V, v in zip(parts, equations.V, equations.v):
+        d = np.empty_like(v)
+        linear_kernels.substitute(part.L, part.Y, part.z, shared, d)
+        predicted += -0.5 * float(np.sum(v * d)) + 0.5 * damping * float(np.sum(_diagonal(V) * d * d))
+        components.append(d)
+    return Step(tuple(components), shared, predicted)

@@ -1,0 +1,113 @@
+"""Compiled kernels of the Schur complement: many small Cholesky factorisations and substitutions."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, types
+
+_f1, _f2, _f3 = types.float64[::1], types.float64[:, ::1], types.float64[:, :, ::1]
+_FAST = {"reassoc", "contract", "arcp", "nsz"}
+
+
+@njit(
+    types.void(_f3, _f3, _f2, types.float64, types.float64, _f3, _f3, _f2, types.int64[::1]),
+    cache=True,
+    nogil=True,
+    fastmath=_FAST,
+    error_model="numpy",
+)
+def eliminate(V, W, v, damping, tolerance, L, Y, z, weak):  # type: ignore[no-untyped-def]
+    """L L^T = V + damping diag V; Y = L^-1 W; z = L^-1 v. weak[c]: column of the first pivot lost to rounding, or -1."""
+    n, b, s = W.shape
+    for c in range(n):
+        weak[c] = -1
+        for j in range(b):
+            diagonal = V[c, j, j]
+            own = diagonal + damping * (diagonal if diagonal > 0.0 else 1.0)
+            pivot = own
+            for k in range(j):
+                pivot -= L[c, j, k] * L[c, j, k]
+            if not pivot > tolerance * own:
+                if weak[c] < 0:
+                    weak[c] = j
+                pivot = own if own > 0.0 else 1.0
+            root = np.sqrt(pivot)
+            L[c, j, j] = root
+            inverse = 1.0 / root
+            for i in range(j + 1, b):
+                total = V[c, i, j]
+                for k in range(j):
+                    total -= L[c, i, k] * L[c, j, k]
+                L[c, i, j] = total * inverse
+                L[c, j, i] = 0.0
+            total = v[c, j]
+            for k in range(j):
+                total -= L[c, j, k] * z[c, k]
+            z[c, j] = total * inverse
+            for q in range(s):
+                Y[c, j, q] = W[c, j, q]
+            for k in range(j):
+                factor = L[c, j, k]
+                for q in range(s):
+                    Y[c, j, q] -= factor * Y[c, k, q]
+            for q in range(s):
+                Y[c, j, q] *= inverse
+
+
+@njit(types.void(_f3, _f3, _f2, _f1, _f2), cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
+def substitute(L, Y, z, shared, d):  # type: ignore[no-untyped-def]
+    """d = -L^-T (z + Y shared): the components' steps once the shared step is known."""
+    n, b, s = Y.shape
+    for c in range(n):
+        for j in range(b):
+            total = z[c, j]
+            for q in range(s):
+                total += Y[c, j, q] * shared[q]
+            d[c, j] = -total
+        for j in range(b - 1, -1, -1):
+            total = d[c, j]
+            for k in range(j + 1, b):
+                total -= L[c, k, j] * d[c, k]
+            d[c, j] = total / L[c, j, j]
+
+
+@njit(types.void(_f3, _f3, _f2, _f3, _f3), cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
+def component_covariances(L, Y, shared, own, cross):  # type: ignore[no-untyped-def]
+    """own = V^-1 + U shared U^T and cross = -U shared, U = L^-T Y: the blocks of the inverse that a component sees.
+
+    shared (s, s): covariance of the shared unknowns. own (n, b, b), cross (n, b, s) are filled.
+    """
+    n, b, s = Y.shape
+    U = np.empty((b, s))
+    inverse = np.empty((b, b))
+    for c in range(n):
+        for j in range(b - 1, -1, -1):
+            for q in range(s):
+                total = Y[c, j, q]
+                for k in range(j + 1, b):
+                    total -= L[c, k, j] * U[k, q]
+                U[j, q] = total / L[c, j, j]
+        # Columns of V^-1 by two substitutions with the unit vectors.
+        for column in range(b):
+            for i in range(b):
+                total = 1.0 if i == column else 0.0
+                for k in range(i):
+                    total -= L[c, i, k] * inverse[k, column]
+                inverse[i, column] = total / L[c, i, i]
+            for i in range(b - 1, -1, -1):
+                total = inverse[i, column]
+                for k in range(i + 1, b):
+                    total -= L[c, k, i] * inverse[k, column]
+                inverse[i, column] = total / L[c, i, i]
+        for i in range(b):
+            for q in range(s):
+                total = 0.0
+                for r in range(s):
+                    total += U[i, r] * shared[r, q]
+                cross[c, i, q] = -total
+        for i in range(b):
+            for j in range(b):
+                total = inverse[i, j]
+                for q in range(s):
+                    total -= cross[c, i, q] * U[j, q]
+                own[c, i, j] = total

@@ -1,0 +1,262 @@
+"""The spaces that variables live in, and the charts that the solver steps through.
+
+A manifold holds a batch of values, leading axis `count`. Factors differentiate with respect to the *natural* tangent of
+a value (a vector's components; `se3.retract`'s chart for a pose). The solver steps in the *free* tangent, which may be
+smaller (fixed or tied parameters) or stretched (bounds): natural = basis @ free, the basis taken at the current value.
+Bounds, ties and constants are all parameterisations, so the solver itself is unconstrained.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calibrant.errors import InputError
+from calibrant.geometry import se3, so3
+
+Array = NDArray[np.float64]
+
+
+class Manifold(ABC):
+    """A space of values with a tangent of fixed dimension at each of them."""
+
+    @property
+    @abstractmethod
+    def value_shape(self) -> tuple[int, ...]:
+        """Shape of one value."""
+
+    @property
+    @abstractmethod
+    def natural_names(self) -> tuple[str, ...]:
+        """Names of the natural tangent's components."""
+
+    @property
+    def free_names(self) -> tuple[str, ...]:
+        """Names of the components that the solver may move."""
+        return self.natural_names
+
+    def basis(self, values: Array) -> Array | None:
+        """Natural from free tangent: (count or 1, natural, free); None stands for the identity."""
+        return None
+
+    @abstractmethod
+    def retract(self, values: Array, free: Array) -> Array:
+        """Values (count, …) moved by free tangents (count, free)."""
+
+    @abstractmethod
+    def local(self, origin: Array, values: Array) -> Array:
+        """Natural tangents (count, natural) that lead from `origin` to `values`."""
+
+
+@dataclass(frozen=True)
+class Euclidean(Manifold):
+    """Vectors of named components; `held` components stay as they are."""
+
+    names: tuple[str, ...]
+    held: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        unknown = [n for n in self.held if n not in self.names]
+        if unknown:
+            raise InputError(f"cannot hold {', '.join(unknown)}: the components are {', '.join(self.names)}")
+
+    @property
+    def value_shape(self) -> tuple[int, ...]:
+        return (len(self.names),)
+
+    @property
+    def natural_names(self) -> tuple[str, ...]:
+        return self.names
+
+    @property
+    def free_names(self) -> tuple[str, ...]:
+        return tuple(n for n in self.names if n not in self.held)
+
+    def basis(self, values: Array) -> Array | None:
+        if not self.held:
+            return None
+        return np.eye(len(self.names))[:, [n not in self.held for n in self.names]][None]
+
+    def retract(self, values: Array, free: Array) -> Array:
+        basis = self.basis(values)
+        return values + (free if basis is None else free @ basis[0].T)
+
+    def local(self, origin: Array, values: Array) -> Array:
+        return values - origin
+
+
+@dataclass(frozen=True, eq=False)
+class Subspace(Manifold):
+    """Vectors that move only along the columns of `directions` (natural, free): tied parameters, equal focal lengths."""
+
+    names: tuple[str, ...]
+    directions: Array
+    direction_names: tuple[str, ...]
+
+    @property
+    def value_shape(self) -> tuple[int, ...]:
+        return (len(self.names),)
+
+    @property
+    def natural_names(self) -> tuple[str, ...]:
+        return self.names
+
+    @property
+    def free_names(self) -> tuple[str, ...]:
+        return self.direction_names
+
+    def basis(self, values: Array) -> Array | None:
+        return np.asarray(self.directions, dtype=np.float64)[None]
+
+    def retract(self, values: Array, free: Array) -> Array:
+        return values + free @ np.asarray(self.directions).T
+
+    def local(self, origin: Array, values: Array) -> Array:
+        return values - origin
+
+
+@dataclass(frozen=True)
+class Positive(Manifold):
+    """Vectors of positive components (scales): x <- x exp(free), so no step leaves the positive side."""
+
+    names: tuple[str, ...]
+
+    @property
+    def value_shape(self) -> tuple[int, ...]:
+        return (len(self.names),)
+
+    @property
+    def natural_names(self) -> tuple[str, ...]:
+        return self.names
+
+    def basis(self, values: Array) -> Array | None:
+        return values[:, :, None] * np.eye(len(self.names))
+
+    def retract(self, values: Array, free: Array) -> Array:
+        return values * np.exp(free)
+
+    def local(self, origin: Array, values: Array) -> Array:
+        return values - origin
+
+
+@dataclass(frozen=True, eq=False)
+class Interval(Manifold):
+    """Vectors bounded by lower < x < upper, componentwise: x = lower + (upper - lower) / (1 + exp(-q)), q moves."""
+
+    names: tuple[str, ...]
+    lower: Array
+    upper: Array
+
+    @property
+    def value_shape(self) -> tuple[int, ...]:
+        return (len(self.names),)
+
+    @property
+    def natural_names(self) -> tuple[str, ...]:
+        return self.names
+
+    def basis(self, values: Array) -> Array | None:
+        slope = (values - self.lower) * (self.upper - values) / (np.asarray(self.upper) - self.lower)
+        return slope[:, :, None] * np.eye(len(self.names))
+
+    def retract(self, values: Array, free: Array) -> Array:
+        q = np.log(values - self.lower) - np.log(self.upper - values) + free
+        with np.errstate(over="ignore"):
+            return self.lower + (np.asarray(self.upper) - self.lower) / (1 + np.exp(-q))
+
+    def local(self, origin: Array, values: Array) -> Array:
+        return values - origin
+
+
+@dataclass(frozen=True)
+class SE3(Manifold):
+    """Rigid transforms (4, 4) in the chart of `se3.retract`: rotation about, then translation along, the parent's axes."""
+
+    @property
+    def value_shape(self) -> tuple[int, ...]:
+        return (4, 4)
+
+    @property
+    def natural_names(self) -> tuple[str, ...]:
+        return ("rotation x", "rotation y", "rotation z", "x", "y", "z")
+
+    def retract(self, values: Array, free: Array) -> Array:
+        return se3.retract(values, free)
+
+    def local(self, origin: Array, values: Array) -> Array:
+        return se3.local(origin, values)
+
+
+@dataclass(frozen=True)
+class SO3(Manifold):
+    """Rotations (3, 3): R <- exp(omega) R."""
+
+    @property
+    def value_shape(self) -> tuple[int, ...]:
+        return (3, 3)
+
+    @property
+    def natural_names(self) -> tuple[str, ...]:
+        return ("rotation x", "rotation y", "rotation z")
+
+    def retract(self, values: Array, free: Array) -> Array:
+        return so3.exp(free) @ values
+
+    def local(self, origin: Array, values: Array) -> Array:
+        return so3.log(values @ np.swapaxes(origin, -1, -2))
+
+
+@dataclass(frozen=True, eq=False)
+class Variable:
+    """A named batch of unknowns of one kind: values (count, *manifold.value_shape).
+
+    `constant` variables take part in factors but are not solved for. `labels` name the instances for people.
+    Raises: InputError for a wrong shape, an empty batch or values that are not finite.
+    """
+
+    name: str
+    manifold: Manifold
+    values: Array
+    constant: bool = False
+    labels: Sequence[str] | None = None
+
+    def __post_init__(self) -> None:
+        values = np.array(self.values, dtype=np.float64)
+        if values.shape[1:] != self.manifold.value_shape or len(values) == 0:
+            raise InputError(
+                f"variable {self.name!r}: expected values of shape (count, {', '.join(map(str, self.manifold.value_shape))}) "
+                f"with count >= 1, got {values.shape}"
+            )
+        if not np.all(np.isfinite(values)):
+            raise InputError(f"variable {self.name!r} starts from NaN or infinite values")
+        if isinstance(self.manifold, Interval) and not np.all(
+            (values > self.manifold.lower) & (values < self.manifold.upper)
+        ):
+            raise InputError(f"variable {self.name!r} does not start strictly inside its bounds")
+        if isinstance(self.manifold, Positive) and not np.all(values > 0):
+            raise InputError(f"variable {self.name!r} must start above 0, got {values.min():g}")
+        values.setflags(write=False)
+        object.__setattr__(self, "values", values)
+
+    @property
+    def count(self) -> int:
+        return len(self.values)
+
+    @property
+    def free_dim(self) -> int:
+        return 0 if self.constant else len(self.manifold.free_names)
+
+    def label(self, index: int) -> str:
+        """How messages call one instance."""
+        if self.count == 1 and self.labels is None:
+            return self.name
+        return f"{self.name} {self.labels[index] if self.labels is not None else index}"
+
+
+def vector(name: str, values: ArrayLike, names: Sequence[str], *, held: Sequence[str] = ()) -> Variable:
+    """One vector as a variable of count 1."""
+    return Variable(name, Euclidean(tuple(names), tuple(held)), np.asarray(values, dtype=np.float64)[None])

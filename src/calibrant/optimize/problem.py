@@ -1,0 +1,143 @@
+"""A least-squares problem: variables, factors, and the noise levels that the factors' residuals are in units of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.errors import InputError
+from calibrant.optimize import linear
+from calibrant.optimize.factors import EXACT, Factor
+from calibrant.optimize.linear import NormalEquations, Step
+from calibrant.optimize.manifolds import Variable
+from calibrant.optimize.structure import SHARED, Structure, analyse
+
+Array = NDArray[np.float64]
+Values = tuple[Array, ...]
+"""Values of all variables, in the problem's order."""
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Minimise 1/2 sum rho(|r / sigma|^2) over the variables that are not constant.
+
+    sigmas: standard deviation of each noise group, in the residuals' unit; groups not named have 1.
+    Raises: InputError for unknown or repeated names, indices out of range, a variable that no factor touches.
+    """
+
+    variables: tuple[Variable, ...]
+    factors: tuple[Factor, ...]
+    sigmas: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "variables", tuple(self.variables))
+        object.__setattr__(self, "factors", tuple(self.factors))
+        names = [v.name for v in self.variables]
+        if len(set(names)) < len(names):
+            raise InputError(f"variable names must differ, got {', '.join(names)}")
+        if not self.factors:
+            raise InputError("a problem needs at least one factor")
+        touched: set[str] = set()
+        for factor in self.factors:
+            for name, indices in zip(factor.variables, factor.indices):
+                if name not in names:
+                    raise InputError(f"factor {factor.name!r} uses variable {name!r}; there are: {', '.join(names)}")
+                count = self.variables[names.index(name)].count
+                if indices.min() < 0 or indices.max() >= count:
+                    raise InputError(f"factor {factor.name!r} uses instance {indices.max()} of {name!r}, which has {count}")
+                touched.add(name)
+        idle = [v.name for v in self.variables if v.free_dim and v.name not in touched]
+        if idle:
+            raise InputError(f"no factor touches the variable {idle[0]!r}; leave it out or make it constant")
+        bad = {k: s for k, s in self.sigmas.items() if not (np.isfinite(s) and s > 0)}
+        if bad:
+            raise InputError(f"noise levels must be finite and above 0, got {bad}")
+
+    @cached_property
+    def structure(self) -> Structure:
+        """Index maps, built once."""
+        return analyse(self.variables, self.factors)
+
+    @property
+    def start(self) -> Values:
+        """The values that the variables start from."""
+        return tuple(v.values for v in self.variables)
+
+    @property
+    def noise_groups(self) -> tuple[str, ...]:
+        """Noise groups in order of appearance, without the exact priors."""
+        return tuple(dict.fromkeys(f.noise for f in self.factors if f.noise != EXACT))
+
+    @property
+    def residual_count(self) -> int:
+        """Number of scalar residuals, priors included."""
+        return sum(f.residual_count for f in self.factors)
+
+    @property
+    def free_count(self) -> int:
+        """Number of free unknowns."""
+        return sum(v.count * v.free_dim for v in self.variables)
+
+    def variable_index(self, name: str) -> int:
+        """Position of a variable. Raises: InputError with the names there are."""
+        for i, v in enumerate(self.variables):
+            if v.name == name:
+                return i
+        raise InputError(f"the problem has no variable {name!r}; it has {', '.join(v.name for v in self.variables)}")
+
+    def sigma(self, factor: Factor, sigmas: Mapping[str, float]) -> float:
+        """Noise level of a factor: 1 for exact priors and for groups not named."""
+        return 1.0 if factor.noise == EXACT else float(sigmas.get(factor.noise, 1.0))
+
+    def gather(self, factor_index: int, values: Values) -> tuple[Array, ...]:
+        """Values of a factor's slots, one row an edge."""
+        factor, slots = self.factors[factor_index], self.structure.slots[factor_index]
+        return tuple(
+            values[v] if _is_identity(i, len(values[v])) else values[v][i] for v, i in zip(slots, factor.indices)
+        )
+
+    def linearize(self, values: Values, sigmas: Mapping[str, float]) -> NormalEquations:
+        """Normal equations at `values`."""
+        blocks = [f.blocks(self.gather(k, values), sigma=self.sigma(f, sigmas)) for k, f in enumerate(self.factors)]
+        return linear.assemble(self.structure, blocks, bases=[self.bases(k, values) for k in range(len(self.factors))])
+
+    def bases(self, factor_index: int, values: Values) -> list[Array | None]:
+        """Natural-from-free basis of each slot of a factor: (edges or 1, natural, free), None for the identity."""
+        out: list[Array | None] = []
+        for v, i in zip(self.structure.slots[factor_index], self.factors[factor_index].indices):
+            variable = self.variables[v]
+            basis = None if variable.constant else variable.manifold.basis(values[v])
+            out.append(basis if basis is None or len(basis) == 1 else basis[i])
+        return out
+
+    def retract(self, values: Values, step: Step) -> Values:
+        """Values moved by a step."""
+        out = []
+        for variable, value, placement in zip(self.variables, values, self.structure.placements):
+            if placement is None:
+                out.append(value)
+                continue
+            free = np.empty((variable.count, placement.dim))
+            columns = placement.offset[:, None] + np.arange(placement.dim)
+            shared = placement.batch == SHARED
+            if shared.any():
+                free[shared] = step.shared[columns[shared]]
+            for batch, d in enumerate(step.components):
+                mine = placement.batch == batch
+                if mine.any():
+                    free[mine] = d[placement.row[mine][:, None], columns[mine]]
+            out.append(variable.manifold.retract(value, free))
+        return tuple(out)
+
+
+def _is_identity(index: NDArray[np.int64], count: int) -> bool:
+    return len(index) == count and index[0] == 0 and index[-1] == count - 1 and bool(np.all(np.diff(index) == 1))
+
+
+def problem(variables: Sequence[Variable], factors: Sequence[Factor], **sigmas: float) -> Problem:
+    """Problem from sequences; keyword arguments are noise levels."""
+    return Problem(tuple(variables), tuple(factors), sigmas)

@@ -1,0 +1,238 @@
+"""A solved problem: values, how the solve ended, and its covariance, block by block, in time linear in the components."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.errors import InputError, RefusedError
+from calibrant.optimize import linear
+from calibrant.optimize.linear import Elimination, NormalEquations
+from calibrant.optimize.structure import SHARED
+
+if TYPE_CHECKING:
+    from calibrant.optimize.problem import Problem, Values
+
+Array = NDArray[np.float64]
+
+WEAK_EIGENVALUE = 1e-12
+"""Eigenvalues of the scaled shared matrix below this are rounding: its entries carry errors of a few 1e-16 times the
+number of sums, and four digits of margin are left."""
+
+
+@dataclass(frozen=True)
+class Unobservable:
+    """A direction that the data do not determine: the names of its components with their share (unit vector)."""
+
+    components: tuple[tuple[str, float], ...]
+
+    @property
+    def message(self) -> str:
+        """The direction in the problem's own words."""
+        strong = [f"{name} ({share:+.2f})" for name, share in self.components if abs(share) > 0.2]
+        return "the data do not determine " + " with ".join(strong or [self.components[0][0]])
+
+
+@dataclass(frozen=True, eq=False)
+class Covariance:
+    """Blocks of the inverse of H: shared (s, s); own (n, b, b) and cross (n, b, s) for each batch of components."""
+
+    shared: Array
+    own: tuple[Array, ...]
+    cross: tuple[Array, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Where a solve ended. cost = 1/2 sum rho; history: the cost after each accepted step."""
+
+    problem: Problem
+    values: Values
+    sigmas: Mapping[str, float]
+    equations: NormalEquations
+    converged: bool
+    status: str
+    message: str
+    history: tuple[float, ...]
+
+    @property
+    def cost(self) -> float:
+        return self.equations.cost
+
+    @property
+    def iterations(self) -> int:
+        """Accepted steps."""
+        return len(self.history) - 1
+
+    def value(self, name: str) -> Array:
+        """Values (count, …) of a variable."""
+        return self.values[self.problem.variable_index(name)]
+
+    def residuals(self, factor: str) -> Array:
+        """Residuals (N, dim) of a factor by name, unweighted: predicted minus observed."""
+        k = self._factor_index(factor)
+        return self.problem.factors[k].residuals(*self.problem.gather(k, self.values))
+
+    def weights(self, factor: str) -> Array:
+        """Robust weight (N,) that each residual block ended with: 1 is full, 0 is ignored."""
+        k = self._factor_index(factor)
+        f = self.problem.factors[k]
+        norms = f.whitened_norms(self.problem.gather(k, self.values), sigma=self.problem.sigma(f, self.sigmas))
+        return f.loss.evaluate(norms**2)[1]
+
+    def _factor_index(self, name: str) -> int:
+        names = [f.name for f in self.problem.factors]
+        if name not in names:
+            raise InputError(f"the problem has no factor {name!r}; it has {', '.join(names)}")
+        return names.index(name)
+
+    @cached_property
+    def _parts(self) -> tuple[Elimination, ...]:
+        e = self.equations
+        return tuple(linear.eliminate(V, W, v, 0.0) for V, W, v in zip(e.V, e.W, e.v))
+
+    @cached_property
+    def unobservable(self) -> tuple[Unobservable, ...]:
+        """Directions that the data do not determine: empty for a well-posed problem."""
+        weak = self._weak_components()
+        if weak:
+            return weak
+        vectors = self._shared_spectrum[2]
+        names = self._shared_names()
+        found = []
+        for vector in vectors.T:
+            order = np.argsort(-np.abs(vector))
+            found.append(Unobservable(tuple((names[i], float(vector[i])) for i in order if abs(vector[i]) > 0.05)))
+        return tuple(found)
+
+    def _weak_components(self) -> tuple[Unobservable, ...]:
+        found = []
+        for batch, part in enumerate(self._parts):
+            for row in np.flatnonzero(part.weak >= 0)[:10]:
+                name = self._component_name(batch, int(row), int(part.weak[row]))
+                found.append(Unobservable(((name, 1.0),)))
+        return tuple(found)
+
+    def _component_name(self, batch: int, row: int, column: int) -> str:
+        for variable, p in zip(self.problem.variables, self.problem.structure.placements):
+            if p is None:
+                continue
+            hit = np.flatnonzero((p.batch == batch) & (p.row == row) & (p.offset <= column) & (column < p.offset + p.dim))
+            if len(hit):
+                i = int(hit[0])
+                return f"{variable.manifold.free_names[column - int(p.offset[i])]} of {variable.label(i)}"
+        return f"component {row}"
+
+    def _shared_names(self) -> list[str]:
+        names = []
+        for variable, p in zip(self.problem.variables, self.problem.structure.placements):
+            if p is not None and p.batch[0] == SHARED:
+                names += [f"{f} of {variable.label(i)}" for i in range(variable.count) for f in variable.manifold.free_names]
+        return names
+
+    @cached_property
+    def _shared_spectrum(self) -> tuple[Array, Array, Array]:
+        """Scale, inverse of the scaled shared matrix, and its null directions (s, n_null)."""
+        S, _ = linear.reduce_shared(self.equations, self._parts, 0.0)
+        diagonal = np.diag(self.equations.S) if len(S) else np.zeros(0)
+        scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        if not len(S):
+            return scale, S, S
+        values, vectors = np.linalg.eigh(S * scale[:, None] * scale)
+        null = values < WEAK_EIGENVALUE
+        inverse = (vectors[:, ~null] / values[~null]) @ vectors[:, ~null].T
+        directions = vectors[:, null] * scale[:, None]
+        directions = directions / np.maximum(np.linalg.norm(directions, axis=0), 1e-300)
+        return scale, inverse, directions
+
+    @cached_property
+    def blocks(self) -> Covariance:
+        """All blocks of the covariance, computed once. Raises: RefusedError naming what the data do not determine."""
+        from calibrant.optimize import linear_kernels
+
+        if self.unobservable:
+            raise RefusedError(
+                "the problem has no covariance: " + "; ".join(u.message for u in self.unobservable[:5])
+                + ". Hold these parameters, or add data that move them"
+            )
+        scale, inverse, _ = self._shared_spectrum
+        shared = np.ascontiguousarray(inverse * scale[:, None] * scale)
+        own, cross = [], []
+        for part in self._parts:
+            n, b, s = part.Y.shape
+            o, c = np.empty((n, b, b)), np.empty((n, b, s))
+            linear_kernels.component_covariances(part.L, part.Y, shared, o, c)
+            own.append(o)
+            cross.append(c)
+        return Covariance(shared, tuple(own), tuple(cross))
+
+    def covariance(self, name: str, index: int = 0) -> Array:
+        """Covariance (k, k) of one instance in its natural tangent; held components have variance 0."""
+        return self.joint_covariance([(name, index)])
+
+    def joint_covariance(self, instances: Sequence[tuple[str, int]]) -> Array:
+        """Joint covariance, natural tangents stacked in the order asked, of any instances of any variables."""
+        rows = [self._rows(name, index) for name, index in instances]
+        return np.block([[self._cross_block(a, b) for b in rows] for a in rows])
+
+    def covariances(self, name: str) -> Array:
+        """Covariance (count, k, k) of every instance of a variable in its natural tangent."""
+        i = self.problem.variable_index(name)
+        variable, p = self.problem.variables[i], self.problem.structure.placements[i]
+        k = len(variable.manifold.natural_names)
+        if p is None:
+            return np.zeros((variable.count, k, k))
+        columns = p.offset[:, None] + np.arange(p.dim)
+        out = np.empty((variable.count, p.dim, p.dim))
+        for batch in np.unique(p.batch).tolist():
+            mine = p.batch == batch
+            c = columns[mine]
+            if batch == SHARED:
+                out[mine] = self.blocks.shared[c[:, :, None], c[:, None, :]]
+            else:
+                out[mine] = self.blocks.own[batch][p.row[mine][:, None, None], c[:, :, None], c[:, None, :]]
+        basis = variable.manifold.basis(self.values[i])
+        return out if basis is None else basis @ out @ np.swapaxes(basis, -1, -2)
+
+    def _rows(self, name: str, index: int) -> _Rows:
+        i = self.problem.variable_index(name)
+        variable, p = self.problem.variables[i], self.problem.structure.placements[i]
+        if not 0 <= index < variable.count:
+            raise InputError(f"variable {name!r} has {variable.count} instances, asked for number {index}")
+        k = len(variable.manifold.natural_names)
+        if p is None:
+            return _Rows(SHARED, 0, np.zeros(0, dtype=np.int64), np.zeros((k, 0)))
+        basis = variable.manifold.basis(self.values[i])
+        B = np.eye(k) if basis is None else basis[min(index, len(basis) - 1)]
+        return _Rows(int(p.batch[index]), int(p.row[index]), p.offset[index] + np.arange(p.dim), B)
+
+    def _cross_block(self, a: _Rows, b: _Rows) -> Array:
+        """Covariance between two sets of unknowns, natural tangents."""
+        blocks = self.blocks
+        if a.batch == SHARED and b.batch == SHARED:
+            free = blocks.shared[np.ix_(a.columns, b.columns)]
+        elif b.batch == SHARED:
+            free = blocks.cross[a.batch][a.row][np.ix_(a.columns, b.columns)]
+        elif a.batch == SHARED:
+            free = blocks.cross[b.batch][b.row][np.ix_(b.columns, a.columns)].T
+        elif (a.batch, a.row) == (b.batch, b.row):
+            free = blocks.own[a.batch][a.row][np.ix_(a.columns, b.columns)]
+        else:
+            # Different components meet only through the shared unknowns: U_a C_s U_b^T = -cross_a U_b^T.
+            part = self._parts[b.batch]
+            U = np.linalg.solve(part.L[b.row].T, part.Y[b.row])
+            free = -(blocks.cross[a.batch][a.row][a.columns] @ U.T[:, b.columns])
+        return a.basis @ free @ b.basis.T
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    batch: int
+    row: int
+    columns: NDArray[np.int64]
+    basis: Array

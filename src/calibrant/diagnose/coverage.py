@@ -1,0 +1,172 @@
+"""How views cover the image and the space before the camera, and in words, which view is missing.
+
+A camera model is only known where points were seen: distortion grows with the radius, so empty corners are
+extrapolated. The focal length is only known from tilted boards: parallel boards leave it undetermined (Zhang, A
+Flexible New Technique for Camera Calibration, 2000, section 5, where 5 deg of tilt often fails and 45 deg is best).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calibrant.data import Check
+from calibrant.errors import InputError
+from calibrant.geometry import se3
+
+Array = NDArray[np.float64]
+
+GRID = (12, 9)
+"""Columns and rows of the occupancy map: cells about as big as a square of a board that fills the image."""
+_CORNER_SHARE = 0.2
+"""Side of a corner region over the image's: it begins at 60 % of the half diagonal, where distortion takes hold."""
+_LEAST_OCCUPIED = 0.5
+"""Less than half the image seen leaves more extrapolated than known."""
+_TILT_DEG = 20.0
+"""From here on a view adds to the focal length; two directions of tilt are needed (Zhang 2000, figure 4)."""
+_TILTED_VIEWS = 2
+_LEAST_DIRECTION_DEG = 5.0
+"""Spread of the board's normal across its main direction of tilt; below it all tilts are about one axis."""
+_LEAST_DISTANCE_RATIO = 1.2
+"""Farthest over nearest view; closer than that, the calibration stands for one distance only."""
+
+_CORNERS = {"upper left": (0, 0), "upper right": (1, 0), "lower left": (0, 1), "lower right": (1, 1)}
+
+
+@dataclass(frozen=True, eq=False)
+class Coverage:
+    """Where points fell: counts (rows, columns) over the image, and the points in each corner region."""
+
+    counts: NDArray[np.int64]
+    corner_points: dict[str, int]
+
+    @property
+    def occupied(self) -> float:
+        """Share of the cells that hold a point."""
+        return float(np.mean(self.counts > 0))
+
+    @property
+    def empty_corners(self) -> tuple[str, ...]:
+        """Names of the corner regions without a point."""
+        return tuple(name for name, points in self.corner_points.items() if points == 0)
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """How the boards stood: tilt (n,) of each from facing the camera, degrees; distance (n,) of each centre, metres.
+
+    weakest_tilt_deg is the spread of the normals across the main direction of tilt; weakest_axis ("left or right",
+    "up or down") says which way of tilting is missing most.
+    """
+
+    tilt_deg: Array
+    distance: Array
+    weakest_tilt_deg: float
+    weakest_axis: str
+
+
+def image_coverage(uv: Iterable[ArrayLike], *, image_size: tuple[int, int]) -> Coverage:
+    """Occupancy of the image by the points of all views.
+
+    Args: uv, an (n, 2) array of pixels a view; image_size (width, height) px.
+    Raises: InputError when there is no view.
+    """
+    arrays = [np.asarray(pixels, dtype=np.float64).reshape(-1, 2) for pixels in uv]
+    if not arrays:
+        raise InputError("coverage of the image needs at least one view; none was used")
+    # Pixel (0, 0) is the centre of the first pixel: the image spans -0.5 … width - 0.5.
+    share = (np.concatenate(arrays) + 0.5) / np.asarray(image_size, dtype=np.float64)
+    cells = np.clip(share * GRID, 0, np.array(GRID) - 1).astype(np.int64)
+    counts = np.bincount(cells[:, 1] * GRID[0] + cells[:, 0], minlength=GRID[0] * GRID[1]).reshape(GRID[::-1])
+    corner_points = {}
+    for name, corner in _CORNERS.items():
+        inside = np.abs(share - corner) <= _CORNER_SHARE
+        corner_points[name] = int(np.sum(inside.all(axis=-1)))
+    return Coverage(counts, corner_points)
+
+
+def board_spread(T_camera_target: Sequence[Array], centres: Sequence[ArrayLike]) -> Spread:
+    """Tilts and distances of the boards.
+
+    Args: T_camera_target, a (4, 4) a view; centres, the middle of each view's points (3,) metres, target frame.
+    Raises: InputError when there is no view.
+    """
+    if not len(T_camera_target):
+        raise InputError("the spread of boards needs at least one view with a pose; none has one")
+    T = np.stack(list(T_camera_target))
+    normal = T[:, :3, 2] * np.where(T[:, 2, 2] < 0, -1.0, 1.0)[:, None]
+    tilt = np.rad2deg(np.arccos(np.clip(normal[:, 2], -1.0, 1.0)))
+    distance = np.linalg.norm(se3.apply(T, np.asarray(centres, dtype=np.float64)), axis=-1)
+    # The normal's x, y as an angle in degrees along each direction; its second moment about facing the camera.
+    direction = normal[:, :2] / np.maximum(np.linalg.norm(normal[:, :2], axis=-1, keepdims=True), 1e-12)
+    moved = direction * tilt[:, None]
+    values, vectors = np.linalg.eigh(moved.T @ moved / len(moved))
+    weakest = vectors[:, 0]
+    axis = "left or right" if abs(weakest[0]) > abs(weakest[1]) else "up or down"
+    return Spread(tilt, distance, float(np.sqrt(max(values[0], 0.0))), axis)
+
+
+def coverage_checks(coverage: Coverage) -> tuple[Check, ...]:
+    """Checks "image-coverage" (value: share of cells with points) and "corner-coverage" (value: corners seen)."""
+    share = coverage.occupied
+    text = f"points in {100 * share:.0f} % of the image"
+    if share < _LEAST_OCCUPIED:
+        where = _emptiest_side(coverage.counts)
+        image = Check("image-coverage", "warn", f"{text} only: take views with the board in the {where} as well", share)
+    else:
+        image = Check("image-coverage", "ok", text, share)
+    empty = coverage.empty_corners
+    filled = float(len(coverage.corner_points) - len(empty))
+    if empty:
+        corners = f"{' and the '.join(empty)} corner{'s' if len(empty) > 1 else ''}"
+        if len(empty) == len(coverage.corner_points):
+            corners = "four corners"
+        message = f"no points in the {corners}: take a view with the board there; distortion is extrapolated until then"
+        return image, Check("corner-coverage", "warn", message, filled)
+    return image, Check("corner-coverage", "ok", "points in all four corners of the image", filled)
+
+
+def spread_checks(spread: Spread) -> tuple[Check, ...]:
+    """Checks "tilt-range" (value: largest tilt, degrees) and "distance-range" (value: farthest over nearest)."""
+    return _tilt_check(spread), _distance_check(spread)
+
+
+def _tilt_check(spread: Spread) -> Check:
+    low, high = float(spread.tilt_deg.min()), float(spread.tilt_deg.max())
+    tilted = int(np.sum(spread.tilt_deg >= _TILT_DEG))
+    text = f"the board was tilted by {low:.0f} to {high:.0f} deg"
+    if tilted < _TILTED_VIEWS:
+        message = (
+            f"{text}, {tilted} of {len(spread.tilt_deg)} views by {_TILT_DEG:.0f} deg or more: take views tilted by"
+        )
+        return Check("tilt-range", "warn", f"{message} 30 to 45 deg in several directions", high)
+    if spread.weakest_tilt_deg < _LEAST_DIRECTION_DEG:
+        message = f"{text}, all in one direction: take views with the board tilted {spread.weakest_axis} as well"
+        return Check("tilt-range", "warn", message, high)
+    return Check("tilt-range", "ok", text, high)
+
+
+def _distance_check(spread: Spread) -> Check:
+    low, high = float(spread.distance.min()), float(spread.distance.max())
+    text = f"the board stood {1e3 * low:.0f} to {1e3 * high:.0f} mm from the camera"
+    ratio = high / low if low > 0 else float("inf")
+    if ratio < _LEAST_DISTANCE_RATIO:
+        message = f"{text}, all views from about the same distance: take some nearer and some farther"
+        return Check("distance-range", "warn", message, ratio)
+    return Check("distance-range", "ok", text, ratio)
+
+
+def _emptiest_side(counts: NDArray[np.int64]) -> str:
+    """The half of the image with the fewest occupied cells."""
+    seen = counts > 0
+    rows, columns = seen.shape
+    sides = {
+        "left half": seen[:, : columns // 2],
+        "right half": seen[:, -(columns // 2) :],
+        "upper half": seen[: rows // 2],
+        "lower half": seen[-(rows // 2) :],
+    }
+    return min(sides, key=lambda name: float(sides[name].mean()))

@@ -1,0 +1,228 @@
+"""Residuals of a finished calibration, computed again from its file, and the question whether they are random.
+
+residual = predicted − observed, pixels. Noise has no memory of where it fell; what a model cannot express does. Two
+statistics look for it, both on residuals divided by their view's noise and freed of gross outliers:
+
+* the map: mean residual vector of each cell of the image. For pure noise, M = sum_c n_c |mean_c|^2 follows chi^2 with
+  two degrees of freedom a cell; the excess over that is the part of the variance that a place in the image explains.
+* neighbours: correlation of each residual with its nearest neighbour's on the same target. Board bending, rolling
+  shutter and motion show here although their direction changes from view to view.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.special import gammaincc
+
+from calibrant.cameras import Camera
+from calibrant.data import CalibrationResult, Check, RobotPoses, TransformEstimate, View
+from calibrant.errors import InputError
+from calibrant.geometry import se3
+
+Array = NDArray[np.float64]
+
+_CELLS = (8, 6)
+"""Columns and rows of the map: coarse enough for several points a cell, fine enough for a distortion's shape."""
+_LEAST_IN_CELL = 5
+"""A mean of fewer residuals says little and is moved by one outlier."""
+_LEAST_POINTS = 150
+"""Fewer points fill too few cells to tell structure from noise."""
+_OUTLIER_SIGMAS = 5.0
+"""Gaussian noise passes it once in two million: what lies beyond is a fault of its own, reported elsewhere."""
+_SIGNIFICANCE = 1e-4
+"""One false alarm in ten thousand calibrations."""
+_LEAST_SHARE = 0.1
+"""Structure that explains less of the variance changes the noise estimate by under 5 % and is left alone."""
+_PNP_STEPS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class ViewResiduals:
+    """Residual vectors (n, 2) px at the observed pixels uv (n, 2) of one view, under the pose T_camera_target."""
+
+    id: str
+    camera: str
+    used: bool
+    uv: Array
+    residuals: Array
+    T_camera_target: Array
+    file: str | None = None
+
+    @property
+    def rms_px(self) -> float:
+        """RMS per point over both axes, NaN without points."""
+        return _rms(self.residuals)
+
+
+def fitted_poses(result: CalibrationResult) -> dict[tuple[str, str], Array]:
+    """T_camera_target of each view by (camera, id): as the result states it, else refitted to the view's points.
+
+    The refit starts at the pose the robot predicts (see `robot_poses_of_target`); views without either are absent.
+    """
+    stated = {(v.camera, v.id): v.T_camera_target for v in result.views if v.T_camera_target is not None}
+    predicted = robot_poses_of_target(result)
+    poses: dict[tuple[str, str], Array] = {}
+    for view in result.observations.views if result.observations else ():
+        key = (view.camera, view.id)
+        pose = stated.get(key, stated.get((None, view.id)))
+        start = predicted.get(view.moment, predicted.get(view.id))
+        if pose is None and start is not None and view.camera in result.cameras:
+            pose = refit_pose(result.cameras[view.camera], view, start)
+        if pose is not None:
+            poses[key] = pose
+    return poses
+
+
+def robot_poses_of_target(result: CalibrationResult) -> dict[str, Array]:
+    """T_camera_target by robot pose, as robot and hand-eye transforms predict it: B_i = (A_i X)^-1 Z.
+
+    A_i = T_base_gripper, X = T_gripper_camera, Z = T_base_target for a camera in the hand; A_i = T_gripper_base,
+    X = T_base_camera, Z = T_gripper_target for a camera that stands. Empty for results without robot poses.
+    """
+    if result.robot_poses is None:
+        return {}
+    found = _hand_eye_pair(result)
+    if found is None:
+        return {}
+    X, Z = found
+    A = _chain_poses(result.robot_poses, X)
+    return dict(zip(result.robot_poses.ids, se3.inverse(A @ X.matrix) @ Z.matrix, strict=True))
+
+
+def refit_pose(camera: Camera, view: View, T_start: Array) -> Array:
+    """T_camera_target that fits the view's points best, by Gauss-Newton from T_start; the best pose on the way."""
+    T, best, T_best = T_start, np.inf, T_start
+    for _ in range(_PNP_STEPS):
+        p = se3.apply(T, view.points)
+        uv, J_point, _ = camera.model.project_with_jacobians(camera.values, p)
+        r = uv - view.uv
+        error = float(np.sum(r * r))
+        if not error < best:  # no better, or a point behind the camera made it NaN
+            break
+        converged = best - error < 1e-12 * error
+        best, T_best = error, T
+        if converged:
+            break
+        q = p - T[:3, 3]  # retract turns about the target's origin, d p = omega x q, so J_omega = q x J_point
+        J = np.concatenate([np.cross(q[:, None, :], J_point), J_point], axis=-1).reshape(-1, 6)
+        T = se3.retract(T, np.linalg.lstsq(J, -r.reshape(-1), rcond=None)[0])
+    return T_best
+
+
+def view_residuals(result: CalibrationResult, poses: Mapping[tuple[str, str], Array]) -> tuple[ViewResiduals, ...]:
+    """Residuals of every view that has a pose and a calibrated camera, in the order of the observations.
+
+    Args: poses, T_camera_target by (camera, view id), e.g. of `fitted_poses`.
+    Raises: InputError when the result carries no observations.
+    """
+    if result.observations is None:
+        raise InputError(
+            "the result carries no observations: residuals cannot be computed; calibrate again from images"
+        )
+    used = {(v.camera, v.id) for v in result.views if v.used}
+    out = []
+    for view in result.observations.views:
+        T, camera = poses.get((view.camera, view.id)), result.cameras.get(view.camera)
+        if T is None or camera is None:
+            continue
+        r = camera.project(se3.apply(T, view.points)) - view.uv
+        seen = np.all(np.isfinite(r), axis=-1)
+        is_used = (view.camera, view.id) in used or (None, view.id) in used
+        out.append(ViewResiduals(view.id, view.camera, is_used, view.uv[seen], r[seen], T, view.file))
+    return tuple(out)
+
+
+def structure_check(views: tuple[ViewResiduals, ...], *, image_size: tuple[int, int]) -> Check:
+    """Whether the residuals of the used views look random, and what it means when they do not.
+
+    The value is the share of the residuals' variance that a place in the image, or a neighbour, explains.
+    Args: views of one camera; image_size (width, height) px.
+    """
+    kept = [_standardised(v) for v in views if v.used and len(v.uv) >= 3]
+    count = sum(len(uv) for uv, _ in kept)
+    if count < _LEAST_POINTS:
+        return Check("residual-structure", "ok", f"{count} points are too few to tell structure in the residuals")
+    uv, e = (np.concatenate(part) for part in zip(*kept, strict=True))
+    share, p_map = _map_share(uv, e, image_size)
+    neighbour, p_neighbour = _neighbour_share(kept)
+    if p_map < _SIGNIFICANCE and share > _LEAST_SHARE:
+        message = (
+            f"{100 * share:.0f} % of the residuals' variance repeats at the same places of the image: the camera model "
+            "is too simple for this lens; free more distortion terms or take another model"
+        )
+        return Check("residual-structure", "warn", message, share)
+    if p_neighbour < _SIGNIFICANCE and neighbour > _LEAST_SHARE:
+        message = (
+            f"neighbouring points err alike (correlation {neighbour:.2f}): look for a board that is not flat, a board "
+            "or camera that moved during exposure, or a rolling shutter"
+        )
+        return Check("residual-structure", "warn", message, neighbour)
+    message = f"the residuals of {count} points look random: no place in the image and no neighbour explains them"
+    return Check("residual-structure", "ok", message, max(share, neighbour, 0.0))
+
+
+def _hand_eye_pair(result: CalibrationResult) -> tuple[TransformEstimate, TransformEstimate] | None:
+    by_frames = {(t.parent, t.child): t for t in result.transforms}
+    camera = next((t for t in result.transforms if t.child == "camera" or t.child in result.cameras), None)
+    if camera is None:
+        return None
+    target = by_frames.get(("base" if camera.parent == "gripper" else "gripper", "target"))
+    return None if target is None else (camera, target)
+
+
+def _chain_poses(poses: RobotPoses, X: TransformEstimate) -> Array:
+    return poses.T_base_gripper if X.parent == "gripper" else se3.inverse(poses.T_base_gripper)
+
+
+def _rms(residuals: Array) -> float:
+    return float(np.sqrt(np.mean(np.sum(residuals**2, axis=-1)))) if len(residuals) else float("nan")
+
+
+def _standardised(view: ViewResiduals) -> tuple[Array, Array]:
+    """Pixels and residuals over the view's noise per axis (from the median, so that outliers do not set it)."""
+    squared = np.sum(view.residuals**2, axis=-1)
+    # The squared length of a 2D Gaussian has the median 2 ln 2 sigma^2.
+    sigma = max(float(np.sqrt(np.median(squared) / (2 * np.log(2)))), np.finfo(float).tiny)
+    keep = squared < (_OUTLIER_SIGMAS * sigma) ** 2
+    e = view.residuals[keep]
+    return view.uv[keep], e / max(_rms(e) / np.sqrt(2), np.finfo(float).tiny)
+
+
+def _map_share(uv: Array, e: Array, image_size: tuple[int, int]) -> tuple[float, float]:
+    """Share of the variance that the cell means explain beyond chance, and the chance of as much from pure noise."""
+    cells = np.clip((uv + 0.5) / image_size * _CELLS, 0, np.array(_CELLS) - 1).astype(np.int64)
+    index = cells[:, 1] * _CELLS[0] + cells[:, 0]
+    size = _CELLS[0] * _CELLS[1]
+    n = np.bincount(index, minlength=size)
+    sums = np.stack([np.bincount(index, weights=e[:, k], minlength=size) for k in (0, 1)], axis=-1)
+    good = n >= _LEAST_IN_CELL
+    if not good.any():
+        return 0.0, 1.0
+    statistic = float(np.sum(sums[good] ** 2 / n[good, None]))
+    freedom = 2 * int(good.sum())
+    share = (statistic - freedom) / (2 * float(n[good].sum()))
+    return share, float(gammaincc(freedom / 2, statistic / 2))
+
+
+def _neighbour_share(kept: list[tuple[Array, Array]]) -> tuple[float, float]:
+    """Correlation of residuals with their nearest neighbour's in the same view, and its one-sided chance."""
+    products, pairs = 0.0, 0
+    for uv, e in kept:
+        if len(uv) < 2:
+            continue
+        nearest = np.asarray(cKDTree(uv).query(uv, k=2)[1])[:, 1]
+        # A mutual pair would be counted twice and look like twice the evidence.
+        i = np.arange(len(uv))
+        once = (nearest[nearest] != i) | (i < nearest)
+        products += float(np.sum(e[once] * e[nearest[once]]))
+        pairs += int(once.sum())
+    if pairs == 0:
+        return 0.0, 1.0
+    correlation = products / (2 * pairs)
+    z = correlation * np.sqrt(2 * pairs)  # each product of two unit normals has variance 1
+    return correlation, float(0.5 * gammaincc(0.5, z * z / 2)) if z > 0 else 1.0

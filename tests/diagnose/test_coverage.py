@@ -1,0 +1,99 @@
+"""Coverage of the image and of the board's poses: the figures, and the view that is missing by name."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calibrant.diagnose.coverage import board_spread, coverage_checks, image_coverage, spread_checks
+from calibrant.errors import InputError
+from calibrant.geometry import se3, so3
+
+SIZE = (1200, 900)
+
+
+def _grid(x0: float, y0: float, x1: float, y1: float) -> np.ndarray:
+    x, y = np.meshgrid(np.linspace(x0, x1, 40), np.linspace(y0, y1, 40))
+    return np.stack([x.ravel(), y.ravel()], axis=-1)
+
+
+def test_a_full_image_passes() -> None:
+    coverage = image_coverage([_grid(-0.5, -0.5, 1199.5, 899.5)], image_size=SIZE)
+    assert coverage.occupied == 1.0
+    assert coverage.counts.sum() == 1600
+    assert [c.status for c in coverage_checks(coverage)] == ["ok", "ok"]
+
+
+@pytest.mark.parametrize(
+    ("corner", "views"),
+    [
+        ("lower left", [_grid(0, 0, 1199, 700), _grid(300, 500, 1199, 899)]),
+        ("upper right", [_grid(0, 200, 1199, 899), _grid(0, 0, 900, 400)]),
+    ],
+)
+def test_the_empty_corner_is_named(corner: str, views: list[np.ndarray]) -> None:
+    coverage = image_coverage(views, image_size=SIZE)
+    assert coverage.empty_corners == (corner,)
+    check = coverage_checks(coverage)[1]
+    assert check.status == "warn"
+    assert f"no points in the {corner} corner: take a view with the board there" in check.message
+    assert check.value == 3
+
+
+def test_the_emptiest_half_is_named() -> None:
+    checks = coverage_checks(image_coverage([_grid(700, 0, 1199, 899)], image_size=SIZE))
+    assert checks[0].status == "warn"
+    assert "left half" in checks[0].message
+    assert "upper left and the lower left corners" in checks[1].message
+
+
+def test_only_the_middle_leaves_four_corners() -> None:
+    check = coverage_checks(image_coverage([_grid(500, 400, 700, 500)], image_size=SIZE))[1]
+    assert "four corners" in check.message
+
+
+def test_no_view_is_an_input_error() -> None:
+    with pytest.raises(InputError, match="at least one view"):
+        image_coverage([], image_size=SIZE)
+    with pytest.raises(InputError, match="at least one view"):
+        board_spread([], [])
+
+
+def _boards(tilts_deg: list[tuple[float, float]], distances: list[float]) -> list[np.ndarray]:
+    """Boards tilted about the camera's x and y by these angles, their origin on the axis at these distances."""
+    return [
+        se3.make(so3.exp(np.deg2rad([ax, ay, 0.0])), [0, 0, z])
+        for (ax, ay), z in zip(tilts_deg, distances, strict=True)
+    ]
+
+
+def test_tilt_and_distance_are_measured() -> None:
+    T = _boards([(0, 0), (30, 0), (0, -40), (0, 25)], [0.5, 0.6, 0.7, 0.8])
+    spread = board_spread(T, [np.zeros(3)] * 4)
+    np.testing.assert_allclose(spread.tilt_deg, [0, 30, 40, 25], atol=1e-9)
+    np.testing.assert_allclose(spread.distance, [0.5, 0.6, 0.7, 0.8])
+    tilt, distance = spread_checks(spread)
+    assert (tilt.status, distance.status) == ("ok", "ok")
+    assert distance.message == "the board stood 500 to 800 mm from the camera"
+
+
+def test_a_board_seen_from_behind_its_z_axis_counts_the_same() -> None:
+    T = se3.make(so3.exp([np.pi - np.deg2rad(30), 0, 0]), [0, 0, 0.5])
+    np.testing.assert_allclose(board_spread([T], [np.zeros(3)]).tilt_deg, [30], atol=1e-9)
+
+
+def test_parallel_boards_are_warned_about() -> None:
+    tilt, distance = spread_checks(board_spread(_boards([(3, 0), (0, 5), (2, 2)], [0.5, 0.5, 0.52]), [np.zeros(3)] * 3))
+    assert tilt.status == "warn"
+    assert "0 of 3 views by 20 deg or more" in tilt.message
+    assert distance.status == "warn"
+
+
+@pytest.mark.parametrize(
+    ("tilts", "missing"),
+    [([(30, 0), (-35, 1), (25, 0)], "left or right"), ([(0, 30), (1, -35), (0, 25)], "up or down")],
+)
+def test_tilts_about_one_axis_name_the_other(tilts: list[tuple[float, float]], missing: str) -> None:
+    tilt = spread_checks(board_spread(_boards(tilts, [0.4, 0.5, 0.6]), [np.zeros(3)] * 3))[0]
+    assert tilt.status == "warn"
+    assert f"tilted {missing} as well" in tilt.message

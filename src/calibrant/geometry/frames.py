@@ -36,7 +36,7 @@ class FrameGraph:
 
     tolerance_m: float = _ROUNDING_M
     tolerance_rad: float = _ROUNDING_RAD
-    transforms: Mapping[tuple[str, str], Array] = field(default=MappingProxyType({}), init=False)
+    transforms: Mapping[tuple[str, str], Array] = field(default_factory=lambda: MappingProxyType({}), init=False)
     """T_parent_child by (parent, child); it grows by `add` alone, so that nothing unchecked gets in."""
 
     @property

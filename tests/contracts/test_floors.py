@@ -1,0 +1,149 @@
+"""The floors of the house: a package imports from lower floors only, wherever in a file the import stands."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import calibrant
+
+PACKAGE = Path(calibrant.__file__).parent
+FLOOR = {
+    "errors": 0,
+    "geometry": 0,
+    "optimize": 1,
+    "cameras": 1,
+    "targets": 1,
+    "robots": 1,
+    "data": 2,
+    "detect": 3,
+    "formats": 3,
+    "perceive": 3,
+    "simulate": 3,
+    "calibrate": 4,
+    "servo": 4,
+    "diagnose": 5,
+    "verify": 6,
+    "report": 6,
+    "cli": 7,
+    "app": 7,
+}
+NUMERIC_FLOORS = 2
+NUMERIC_LIBRARIES = {"numpy", "scipy", "numba"}
+HOME = {"mujoco": {"simulate"}, "mink": {"simulate"}, "nicegui": {"app"}}
+"""Heavy libraries and the only packages that may import them."""
+
+ROOT_NAMES = {"__version__"}
+"""What a package may import from `calibrant` itself, whose other names are the public API of all floors."""
+
+LAZY = ("numba", "cv2", "scipy.optimize", "matplotlib", "mujoco", "rich", "jinja2", "pydantic")
+
+FILES = sorted(PACKAGE.rglob("*.py"))
+
+
+def package_of(file: Path) -> str:
+    """The part of the house a file belongs to: its folder or, at the root, its own name."""
+    return file.relative_to(PACKAGE).with_suffix("").parts[0]
+
+
+def absolute(node: ast.ImportFrom, file: Path) -> str:
+    """Module that `from … import` names, relative imports resolved."""
+    if node.level == 0:
+        return node.module or ""
+    parents = ("calibrant", *file.relative_to(PACKAGE).parent.parts)
+    base = parents[: len(parents) - (node.level - 1)]
+    return ".".join([*base, *([node.module] if node.module else [])])
+
+
+def imports(tree: ast.AST, file: Path) -> Iterator[tuple[int, str]]:
+    """(line, full dotted name) of every import in a file, inside functions and TYPE_CHECKING blocks too."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            module = absolute(node, file)
+            yield from ((node.lineno, f"{module}.{alias.name}") for alias in node.names)
+        elif isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant):
+            name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+            if name in ("import_module", "__import__") and isinstance(node.args[0].value, str):
+                yield node.lineno, node.args[0].value
+
+
+def violations(source: str, file: Path) -> list[str]:
+    """What a file imports against the rules, one sentence each."""
+    here = package_of(file)
+    if here in ("__init__", "__main__"):
+        return []
+    if here not in FLOOR:
+        return [f"{here} has no floor; give it one in DESIGN.md and here"]
+    found = []
+    for line, name in imports(ast.parse(source), file):
+        top, _, rest = name.partition(".")
+        where = f"{file.relative_to(PACKAGE)}:{line} imports {name}"
+        if top == "calibrant":
+            other = rest.split(".")[0]
+            if other not in FLOOR and other not in ROOT_NAMES:
+                found.append(f"{where}: import it from the package that defines it")
+            elif other in FLOOR and other != here and FLOOR[other] >= FLOOR[here] and not both_ground(here, other):
+                found.append(f"{where}: {other} is on floor {FLOOR[other]}, {here} on floor {FLOOR[here]}")
+        elif FLOOR[here] <= NUMERIC_FLOORS and top not in sys.stdlib_module_names | NUMERIC_LIBRARIES:
+            found.append(f"{where}: floors 0 to {NUMERIC_FLOORS} use NumPy, SciPy, Numba and the standard library only")
+        elif here not in HOME.get(top, {here}):
+            found.append(f"{where}: {top} belongs in {', '.join(sorted(HOME[top]))}")
+    return found
+
+
+def both_ground(here: str, other: str) -> bool:
+    """geometry may use errors, its only neighbour on the ground floor; not the other way round."""
+    return here == "geometry" and other == "errors"
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda f: str(f.relative_to(PACKAGE)))
+def test_imports_go_down(file: Path) -> None:
+    assert violations(file.read_text(encoding="utf-8"), file) == []
+
+
+@pytest.mark.parametrize(
+    ("file", "source"),
+    [
+        ("geometry/x.py", "from calibrant.cameras import Camera"),
+        ("geometry/x.py", "def f():\n    from calibrant import cameras"),
+        ("cameras/x.py", "import calibrant.targets.target"),
+        ("cameras/x.py", "def f():\n    import cv2"),
+        ("data/x.py", "if True:\n    import yaml"),
+        ("data/x.py", "from ..detect import pipeline"),
+        ("detect/x.py", "from calibrant import calibrate_intrinsics"),
+        ("calibrate/x.py", "import importlib\nimportlib.import_module('calibrant.report.html')"),
+        ("report/x.py", "import mujoco"),
+        ("errors.py", "from calibrant.geometry import so3"),
+        ("helpers/x.py", "import os"),
+    ],
+)
+def test_a_wrong_import_is_seen(file: str, source: str) -> None:
+    assert len(violations(source, PACKAGE / file)) == 1
+
+
+@pytest.mark.parametrize(
+    ("file", "source"),
+    [
+        ("geometry/x.py", "import json\nfrom scipy import linalg\nfrom calibrant.errors import InputError"),
+        ("data/x.py", "from calibrant import __version__\nfrom . import observations"),
+        ("detect/x.py", "import cv2\nfrom calibrant.targets import Target"),
+        ("simulate/x.py", "def f():\n    import mujoco"),
+        ("cli/x.py", "from calibrant.report import terminal"),
+    ],
+)
+def test_a_right_import_passes(file: str, source: str) -> None:
+    assert violations(source, PACKAGE / file) == []
+
+
+@pytest.mark.parametrize("module", ["calibrant", "calibrant.geometry.frames", "calibrant.data", "calibrant.cameras"])
+def test_importing_loads_nothing_heavy(module: str) -> None:
+    script = f"import sys, {module}; print(*[m for m in {LAZY!r} if m in sys.modules])"
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert run.stdout.split() == []

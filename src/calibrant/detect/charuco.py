@@ -1,0 +1,130 @@
+"""Finding ChArUco boards: markers coarse to fine, corners grown from them, the board confirmed by its own markers.
+
+1. Markers are searched in the image made smaller, then at full size when that was not enough.
+2. The largest group of markers that agree on where the board lies is the seed; a marker misread somewhere else agrees
+   with nobody. The other layout of an even board is tried on the same markers, and a negative is recognised.
+3. Corners grow from the seed by local homographies and are refined and checked at full size.
+4. The markers are read again where the corners say they must be: at least two must show their own cells.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibrant.cameras.camera import Camera
+from calibrant.detect.charuco_camera import anchors_from_camera
+from calibrant.detect.charuco_corners import Corners, corner_anchors, grow_corners, marker_anchors
+from calibrant.detect.charuco_reasons import why_not_found
+from calibrant.detect.detection import Detection, Grey
+from calibrant.detect.markers import agreeing_group, is_negative, read_markers
+from calibrant.detect.opencv import ALL_WINDOWS, FINE_WINDOWS, Markers, find_markers
+from calibrant.errors import InputError
+from calibrant.targets.charuco import Charuco
+from calibrant.targets.target import Target
+
+# The search starts at about this many pixels along the longer side: a board that fills a quarter of the picture still
+# has markers of 15 px there, the least that is read reliably.
+COARSE_SIDE_PX = 800
+# A homography has 8 unknowns: fewer corners than this say nothing about a camera.
+LEAST_CORNERS = 4
+# One marker may show by chance what it should; two, where the corners put them, do not.
+LEAST_MARKERS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class _Board:
+    """A board found: the target as printed (layout and colours), its corners, and how many markers confirmed it."""
+
+    printed: Charuco
+    corners: Corners
+    confirmed: int
+
+
+class CharucoDetector:
+    """Finds ChArUco boards, whole or in part. Registered in `detect/registry.py`."""
+
+    def detect(self, grey: Grey, target: Target, *, camera: Camera | None = None) -> Detection:
+        """The board's corners in a grey image (h, w).
+
+        Args: camera, when it is known already: corners that no neighbour predicts well are then looked for where the
+            camera puts them, which finds more of a board seen through a wide lens.
+        """
+        if not isinstance(target, Charuco):
+            raise InputError(f"the ChArUco detector finds targets of kind charuco, got {target.kind}")
+        seen = Markers.of((), None)
+        for markers in _searches(grey, target):
+            board = _best_board(grey, target, markers)
+            if board is not None:
+                if camera is not None:
+                    board = _with_camera(grey, board, camera)
+                return _detection(target, board)
+            seen = markers if len(markers) > len(seen) else seen
+        return why_not_found(grey, target, seen)
+
+
+def _searches(grey: Grey, target: Charuco) -> Iterator[Markers]:
+    """Markers found with more and more effort."""
+    factor = max(1, round(max(grey.shape) / COARSE_SIDE_PX))
+    while factor > 1:
+        yield find_markers(grey, target.dictionary, factor=factor, windows=FINE_WINDOWS)
+        factor //= 2
+    yield find_markers(grey, target.dictionary, windows=ALL_WINDOWS)
+
+
+def _best_board(grey: Grey, target: Charuco, markers: Markers) -> _Board | None:
+    """The board that the markers show in the layout they fit best; the layout asked for wins a tie."""
+    layouts = [target] if target.rows % 2 else [target, replace(target, legacy=not target.legacy)]
+    fits = [agreeing_group(markers, layout) for layout in layouts]
+    best = int(np.argmax([fit.sum() for fit in fits]))
+    if not fits[best].any():
+        return None
+    seed = markers.subset(fits[best])
+    printed = replace(layouts[best], inverted=is_negative(grey, seed, target))
+    corners = grow_corners(grey, printed, marker_anchors(seed, printed))
+    return _confirmed(grey, printed, corners)
+
+
+def _confirmed(grey: Grey, printed: Charuco, corners: Corners) -> _Board | None:
+    if len(corners) < LEAST_CORNERS or _on_one_line(printed, corners):
+        return None
+    centres = (printed.marker_squares + 0.5).astype(np.float64)
+    maps = corner_anchors(corners, printed).maps_at(centres)
+    near = maps.determined & _near_a_corner(centres, printed, corners)
+    ids = np.flatnonzero(near)
+    confirmed = int(read_markers(grey, maps.subset(near), ids, printed).sum())
+    return _Board(printed, corners, confirmed) if confirmed >= LEAST_MARKERS else None
+
+
+def _near_a_corner(centres: np.ndarray, printed: Charuco, corners: Corners) -> np.ndarray:
+    """Whether a marker touches a found corner: its place is then known well enough to read it."""
+    xy = printed.points[corners.index, :2] / printed.square
+    return np.asarray((np.abs(centres[:, None] - xy[None]).max(axis=-1) < 0.6).any(axis=1))
+
+
+def _on_one_line(printed: Charuco, corners: Corners) -> bool:
+    row, column = np.divmod(corners.index, printed.columns - 1)
+    centred = np.column_stack([row, column]) - np.array([row.mean(), column.mean()])
+    return bool(np.linalg.svd(centred, compute_uv=False)[-1] < 1e-6)
+
+
+def _with_camera(grey: Grey, board: _Board, camera: Camera) -> _Board:
+    """The board with the corners that a known camera helps to find; never fewer than before."""
+    anchors = anchors_from_camera(board.corners, board.printed, camera)
+    if anchors is None:
+        return board
+    more = _confirmed(grey, board.printed, grow_corners(grey, board.printed, anchors))
+    return more if more is not None and len(more.corners) > len(board.corners) else board
+
+
+def _detection(target: Charuco, board: _Board) -> Detection:
+    notes = []
+    if board.printed.legacy != target.legacy:
+        layout, option = ("legacy", "add :legacy") if board.printed.legacy else ("new", "leave :legacy out")
+        notes.append(f"The board has the {layout} layout of its markers: {option} in the spec to say so.")
+    if board.printed.inverted != target.inverted:
+        colours, option = ("a negative", "add :inverted") if board.printed.inverted else ("not a negative", "leave :inverted out")
+        notes.append(f"The board is {colours}: {option} in the spec to say so.")
+    return Detection(target.point_ids[board.corners.index], board.corners.uv, notes=tuple(notes))

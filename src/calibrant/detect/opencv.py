@@ -1,0 +1,138 @@
+"""The one place that knows how OpenCV's versions differ (4.12 ... 5.x): dictionaries, markers, corner refinement.
+
+Only what every one of these versions has is used: the classes of cv2.aruco, not its old free functions, which 5.0
+dropped. Dictionaries are kept by name, never by OpenCV's numbers, which change between versions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.detect.detection import Grey
+from calibrant.targets.charuco import Charuco
+from calibrant.targets.dictionaries import dictionary_name
+
+Array = NDArray[np.float64]
+
+# Search windows of the adaptive threshold, pixels. One of a few pixels finds thin and small borders, one of 23 wide ones.
+FINE_WINDOWS = (7,)
+ALL_WINDOWS = (7, 23)
+
+
+@dataclass(frozen=True, eq=False)
+class Markers:
+    """Markers read in an image: ids (n,); corners (n, 4, 2) pixels, from the marker's own top left, clockwise."""
+
+    ids: NDArray[np.int64]
+    corners: Array
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def subset(self, keep: NDArray[np.bool_]) -> Markers:
+        """The markers where keep (n,) is true."""
+        return Markers(self.ids[keep], self.corners[keep])
+
+    @classmethod
+    def of(cls, corners: Any, ids: Any) -> Markers:
+        """Markers from what OpenCV returns: a sequence of (1, 4, 2) arrays and (n, 1) ids, or None."""
+        if ids is None or len(ids) == 0:
+            return cls(np.empty(0, np.int64), np.empty((0, 4, 2)))
+        return cls(np.asarray(ids, np.int64).ravel(), np.asarray(corners, np.float64).reshape(-1, 4, 2))
+
+
+@lru_cache(maxsize=64)
+def dictionary(name: str) -> Any:
+    """OpenCV's dictionary of that name. Raises: InputError for an unknown one."""
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary_name(name)))
+
+
+@lru_cache(maxsize=256)
+def marker_cells(name: str, marker_id: int) -> NDArray[np.bool_]:
+    """The marker's cells with its border of one cell, (bits + 2, bits + 2): true is paper, false is ink."""
+    side = int(dictionary(name).markerSize) + 2
+    cells = np.asarray(cv2.aruco.generateImageMarker(dictionary(name), marker_id, side), dtype=np.uint8) > 127
+    cells.setflags(write=False)
+    return cells
+
+
+@lru_cache(maxsize=64)
+def _detector(names: tuple[str, ...], windows: tuple[int, ...]) -> Any:
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.adaptiveThreshWinSizeMin = windows[0]
+    parameters.adaptiveThreshWinSizeMax = windows[-1]
+    parameters.adaptiveThreshWinSizeStep = max(windows[-1] - windows[0], 1)
+    # Negatives cost next to nothing to read along, and a user who forgot to say so gets told.
+    parameters.detectInvertedMarker = True
+    detector = cv2.aruco.ArucoDetector(dictionary(names[0]), parameters)
+    if len(names) > 1:
+        detector.setDictionaries([dictionary(name) for name in names])
+    return detector
+
+
+def shrink(grey: Grey, factor: int) -> Grey:
+    """The image made smaller by a whole factor, each pixel the mean of factor x factor."""
+    if factor == 1:
+        return grey
+    size = (grey.shape[1] // factor, grey.shape[0] // factor)
+    cropped = grey[: size[1] * factor, : size[0] * factor]
+    return np.asarray(cv2.resize(cropped, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def find_markers(grey: Grey, name: str, *, factor: int = 1, windows: tuple[int, ...] = ALL_WINDOWS) -> Markers:
+    """Markers of a dictionary, upright or as a negative, searched in the image made smaller by `factor`.
+
+    Pixel (0, 0) is the centre of the top left pixel at either size: u_full = factor * (u_small + 1/2) - 1/2.
+    """
+    corners, ids, _ = _detector((name,), windows).detectMarkers(shrink(grey, factor))
+    found = Markers.of(corners, ids)
+    return Markers(found.ids, factor * (found.corners + 0.5) - 0.5)
+
+
+def find_markers_of(grey: Grey, names: tuple[str, ...], *, factor: int = 1) -> dict[str, Markers]:
+    """Markers of several dictionaries in one search, by dictionary; those without a marker are left out."""
+    corners, ids, _, which = _detector(names, FINE_WINDOWS).detectMarkersMultiDict(shrink(grey, factor))
+    found = Markers.of(corners, ids)
+    if len(found) == 0:
+        return {}
+    found = Markers(found.ids, factor * (found.corners + 0.5) - 0.5)
+    index = np.asarray(which, np.int64).ravel()
+    return {name: found.subset(index == i) for i, name in enumerate(names) if np.any(index == i)}
+
+
+def sample(grey: Grey, uv: Array) -> Array:
+    """Grey values at pixels (n, m, 2), bilinear, (n, m); outside the image the nearest pixel's."""
+    maps = np.asarray(uv, dtype=np.float32)
+    return np.asarray(
+        cv2.remap(grey, maps[..., 0], maps[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float64
+    )
+
+
+def refine_corners(grey: Grey, uv: Array, half_window_px: int) -> Array:
+    """Corners (n, 2) moved to where the grey-value gradients of a square window around are orthogonal to the rays."""
+    if len(uv) == 0:
+        return np.empty((0, 2))
+    start = np.ascontiguousarray(uv, dtype=np.float32).reshape(-1, 1, 2)
+    # 30 steps of at least 1/500 px: below the noise of any corner, above single precision.
+    stop = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 30, 0.002)
+    window = (half_window_px, half_window_px)
+    return np.asarray(cv2.cornerSubPix(grey, start, window, (-1, -1), stop), np.float64).reshape(-1, 2)
+
+
+def charuco_corners(grey: Grey, target: Charuco) -> tuple[NDArray[np.int64], Array]:
+    """Ids (n,) and pixels (n, 2) by OpenCV's own CharucoDetector: the one to compare with."""
+    board = cv2.aruco.CharucoBoard(
+        (target.columns, target.rows), target.square, target.marker, dictionary(target.dictionary)
+    )
+    board.setLegacyPattern(target.legacy)
+    image = np.asarray(255 - grey, np.uint8) if target.inverted else grey
+    uv, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(image)
+    if ids is None or len(ids) == 0:
+        return np.empty(0, np.int64), np.empty((0, 2))
+    return np.asarray(ids, np.int64).ravel(), np.asarray(uv, np.float64).reshape(-1, 2)

@@ -1,0 +1,128 @@
+"""The loop of hand-eye calibration: A_i X B_i must be one and the same transform Z in every view.
+
+Its spread is the error a person can check without knowing the truth: how far the views disagree on where the target
+is, seen through the robot and the camera.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calibrant.calibrate.hand_eye.relative import PosePairs
+from calibrant.errors import InputError
+from calibrant.geometry import se3, so3
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class LoopErrors:
+    """Spread of Z_i = A_i X B_i about their mean Z (4, 4).
+
+    view_mm, view_deg (n,): distance and angle of every Z_i from Z; rms_mm, rms_deg: root mean square over the views.
+    """
+
+    rms_mm: float
+    rms_deg: float
+    view_mm: Array
+    view_deg: Array
+    Z: Array
+
+
+@dataclass(frozen=True, eq=False)
+class LoopConsistency:
+    """How well A_i X B_i agree, by medians, so that a minority of wrong views does not hide a right hypothesis.
+
+    median_mm, median_deg: median distance and angle of Z_i from their robust centre Z. `score` is free of units and
+    compares hypotheses: the larger of the distance over the size of the robot's motion and the angle over the size of
+    its rotations; 0 is perfect, 1 is no agreement at all.
+    """
+
+    median_mm: float
+    median_deg: float
+    view_mm: Array
+    view_deg: Array
+    Z: Array
+    score: float
+
+
+def loop_errors(A: ArrayLike, B: ArrayLike, X: ArrayLike) -> LoopErrors:
+    """Spread of A_i X B_i about its mean: |t_i - t_mean| and the angle of R_i R_mean^T.
+
+    Args: A (n, 4, 4) and B (n, 4, 4) = T_camera_target in the normal form A_i X B_i = Z, metres; X (4, 4).
+    Raises: InputError for shapes that do not match, matrices that are not rigid, or no views.
+    """
+    Z_i = _loops(PosePairs(np.asarray(A), np.asarray(B)), X)
+    Z = se3.mean(Z_i)
+    view_mm, view_deg = _distances(Z_i, Z)
+    return LoopErrors(_rms(view_mm), _rms(view_deg), view_mm, view_deg, Z)
+
+
+def loop_consistency(A: ArrayLike, B: ArrayLike, X: ArrayLike) -> LoopConsistency:
+    """Agreement of A_i X B_i by medians about a robust centre; see LoopConsistency. Args as for `loop_errors`.
+
+    The centre minimises the sum of distances, not of their squares (geometric median, L1 mean of rotations).
+    """
+    pairs = PosePairs(np.asarray(A), np.asarray(B))
+    Z_i = _loops(pairs, X)
+    Z = _median_transform(Z_i)
+    view_mm, view_deg = _distances(Z_i, Z)
+    median_mm, median_deg = float(np.median(view_mm)), float(np.median(view_deg))
+    # The size of the motion by the same measure: how far the robot's own poses lie from their centre. Where the robot
+    # turns on the spot the target still sweeps past the camera, so the larger of both motions counts.
+    spread_a = _distances(pairs.A, _median_transform(pairs.A))
+    spread_b = _distances(pairs.B, _median_transform(pairs.B))
+    size_mm = max(float(np.median(spread_a[0])), float(np.median(spread_b[0])))
+    size_deg = max(float(np.median(spread_a[1])), float(np.median(spread_b[1])))
+    score = max(_ratio(median_mm, size_mm), _ratio(median_deg, size_deg))
+    return LoopConsistency(median_mm, median_deg, view_mm, view_deg, Z, score)
+
+
+def _loops(pairs: PosePairs, X: ArrayLike) -> Array:
+    """A_i X B_i (n, 4, 4)."""
+    if len(pairs) == 0:
+        raise InputError("the loop A_i X B_i needs at least one view, got none")
+    return pairs.A @ se3.check(X, name="X") @ pairs.B
+
+
+def _distances(T: Array, centre: Array) -> tuple[Array, Array]:
+    """Millimetres and degrees of transforms (n, 4, 4) from `centre`."""
+    delta = se3.local(centre, T)
+    return 1e3 * np.linalg.norm(delta[:, 3:], axis=1), np.rad2deg(np.linalg.norm(delta[:, :3], axis=1))
+
+
+def _median_transform(T: Array) -> Array:
+    """Rotation and translation with the least sum of distances to T (n, 4, 4), each by Weiszfeld's iteration.
+
+    Weiszfeld 1937; on rotations Hartley, Aftab, Trumpf, "L1 rotation averaging using the Weiszfeld algorithm", 2011.
+    """
+    R = T[:, :3, :3]
+    # Start on the sample that is closest to the others (trace R_i^T R_j = 3 for equal rotations), so that a minority of
+    # rotations far off cannot pull the start into another basin.
+    flat = R.reshape(-1, 9)
+    closeness = np.arccos(np.clip((flat @ flat.T - 1) / 2, -1, 1)).sum(axis=0)
+    first = int(np.argmin(closeness))
+    centre, t = R[first], np.median(T[:, :3, 3], axis=0)
+    for _ in range(30):  # linear convergence; 30 rounds are far below the noise that a median is asked about
+        omega = so3.log(R @ centre.T)
+        centre = so3.exp(_weiszfeld_step(omega)) @ centre
+        t = t + _weiszfeld_step(T[:, :3, 3] - t)
+    return se3.make(centre, t)
+
+
+def _weiszfeld_step(delta: Array) -> Array:
+    """Mean of vectors (n, 3) weighted by 1 / length; lengths below rounding are taken as rounding."""
+    weight = 1 / np.maximum(np.linalg.norm(delta, axis=1), 1e-12)
+    return (weight / weight.sum()) @ delta
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _ratio(spread: float, size: float) -> float:
+    """spread / size; 0 / 0 (nothing moves, nothing disagrees) is 0."""
+    return spread / size if size > 0 else (0.0 if spread == 0 else float("inf"))

@@ -1,0 +1,155 @@
+"""OpenCV's FileStorage (YAML, XML, JSON) read and written as plain data, without OpenCV.
+
+FileStorage writes YAML that is not quite YAML (`%YAML:1.0`) and marks matrices: by the tag `!!opencv-matrix`, by the
+attribute or key `type_id="opencv-matrix"`. A matrix becomes an array (rows, cols), or
+(rows, cols, channels) where it has several.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from calibrant.errors import InputError
+
+_LENGTH_OF_LINE = 72
+_CHANNELS = re.compile(r"^\(?(\d*)[a-z]\)?$")
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe YAML with OpenCV's matrix tag."""
+
+
+def _construct_matrix(loader: yaml.SafeLoader, node: yaml.Node) -> NDArray:
+    if not isinstance(node, yaml.MappingNode):
+        raise InputError("an opencv-matrix without rows, cols, dt and data")
+    return _matrix({str(key): value for key, value in loader.construct_mapping(node, deep=True).items()})
+
+
+_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _construct_matrix)
+_Loader.add_constructor("tag:yaml.org,2002:opencv-nd-matrix", _construct_matrix)
+
+
+def read_yaml(text: str, source: str) -> Any:
+    """Data of a YAML document, OpenCV's dialect included. Raises: InputError with file and line."""
+    body = re.sub(r"\A\s*%YAML:1\.\d[^\n]*\n", "\n", text)  # the line stays, so that line numbers hold
+    try:
+        return yaml.load(body, Loader=_Loader)
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else 1
+        raise InputError(f"{source}:{line}: not YAML ({error.problem})") from error
+    except (yaml.YAMLError, InputError) as error:
+        raise InputError(f"{source}: {error}") from error
+
+
+def read_json(text: str, source: str) -> Any:
+    """Data of a JSON document, OpenCV's matrices as arrays. Raises: InputError with file and line."""
+    try:
+        return json.loads(text, object_hook=_json_object)
+    except json.JSONDecodeError as error:
+        raise InputError(f"{source}:{error.lineno}: not JSON ({error.msg})") from error
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from error
+
+
+def read_xml(text: str, source: str) -> dict[str, Any]:
+    """Data of a FileStorage XML document. Raises: InputError with file and line."""
+    try:
+        root = ElementTree.fromstring(text.strip())
+    except ElementTree.ParseError as error:
+        raise InputError(f"{source}:{error.position[0]}: not XML ({error})") from error
+    if root.tag != "opencv_storage":
+        raise InputError(f"{source}: the XML root is <{root.tag}>, expected <opencv_storage>")
+    try:
+        return {child.tag: _xml_value(child) for child in root}
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from error
+
+
+def yaml_text(values: Mapping[str, NDArray | float | int | str]) -> str:
+    """FileStorage YAML of matrices, numbers and texts; numbers with all their digits."""
+    lines = ["%YAML:1.0", "---"]
+    for key, value in values.items():
+        if isinstance(value, np.ndarray):
+            lines += _yaml_matrix(key, np.atleast_2d(value))
+        else:
+            lines.append(
+                f"{key}: {json.dumps(value, ensure_ascii=False) if isinstance(value, str) else _number(value)}"
+            )
+    return "\n".join(lines) + "\n"
+
+
+def _yaml_matrix(key: str, matrix: NDArray) -> list[str]:
+    rows, cols = matrix.shape
+    head = [f"{key}: !!opencv-matrix", f"   rows: {rows}", f"   cols: {cols}", "   dt: d"]
+    line, lines = "   data: [ ", []
+    numbers = [_number(float(x)) for x in matrix.ravel()]
+    for i, number in enumerate(numbers):
+        piece = number + (", " if i + 1 < len(numbers) else " ]")
+        if len(line) + len(piece) > _LENGTH_OF_LINE:
+            lines.append(line.rstrip())
+            line = "       "
+        line += piece
+    return [*head, *lines, line]
+
+
+def _number(value: float | int) -> str:
+    """A double as FileStorage writes it: 17 digits, and a point, which YAML 1.1 wants in every float."""
+    if isinstance(value, int):
+        return str(value)
+    mantissa, e, exponent = repr(value).partition("e")
+    mantissa = mantissa if "." in mantissa else mantissa + "."
+    return (mantissa[:-1] if mantissa.endswith(".0") else mantissa) + (f"e{int(exponent):+03d}" if e else "")
+
+
+def _json_object(data: dict[str, Any]) -> Any:
+    return _matrix(data) if data.get("type_id") in ("opencv-matrix", "opencv-nd-matrix") else data
+
+
+def _xml_value(element: ElementTree.Element) -> Any:
+    children = list(element)
+    text = (element.text or "").strip()
+    if (element.get("type_id") or "").startswith("opencv-"):
+        fields = {child.tag: (child.text or "").strip() for child in children}
+        return _matrix({**fields, "data": fields.get("data", "").split()})
+    if children and all(child.tag == "_" for child in children):
+        return [_xml_value(child) for child in children]
+    if children:
+        return {child.tag: _xml_value(child) for child in children}
+    if text.startswith('"'):
+        return text.strip('"')
+    parts = [_scalar(part) for part in text.split()]
+    return parts if len(parts) > 1 and all(not isinstance(p, str) for p in parts) else _scalar(text)
+
+
+def _scalar(text: str) -> Any:
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
+
+
+def _matrix(fields: Mapping[str, Any]) -> NDArray:
+    """The array of an opencv-matrix. Raises: InputError when keys are missing or the count of numbers is wrong."""
+    missing = [key for key in ("dt", "data") if key not in fields]
+    if missing:
+        raise InputError(f"an opencv-matrix without {' and '.join(missing)}")
+    match = _CHANNELS.match(str(fields["dt"]).strip("\"' "))
+    if match is None:
+        raise InputError(f"an opencv-matrix of the unknown type {fields['dt']!r}")
+    sizes = fields.get("sizes") or [fields.get("rows"), fields.get("cols")]
+    try:
+        shape = [int(n) for n in (sizes.split() if isinstance(sizes, str) else sizes)]
+        shape += [int(match[1])] if match[1] and int(match[1]) > 1 else []
+        return np.array([float(x) for x in fields["data"]]).reshape(shape)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"an opencv-matrix whose data do not fit rows x cols ({error})") from error

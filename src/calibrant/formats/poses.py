@@ -1,0 +1,193 @@
+"""Reading robot poses (and target poses) from any file a person could plausibly hand in.
+
+`read_poses` reads the numbers and what the file says about them; `readings` (pose_readings) lists what they can mean;
+`diagnose.conventions.decide` chooses among these by the data. A syntax is a file of its own and an entry of READERS.
+"""
+
+from __future__ import annotations
+
+import codecs
+import glob
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibrant.errors import InputError
+from calibrant.formats.natural_order import natural_key
+from calibrant.formats.opencv_storage import read_json, read_xml, read_yaml
+from calibrant.formats.pose_documents import read_document
+from calibrant.formats.pose_readings import PoseReading as PoseReading
+from calibrant.formats.pose_readings import excluded as excluded
+from calibrant.formats.pose_readings import options as options
+from calibrant.formats.pose_readings import readings as readings
+from calibrant.formats.pose_rows import PoseTable, raw_poses
+from calibrant.formats.pose_text import read_text_table
+from calibrant.formats.raw_poses import RawPoses as RawPoses
+
+Parsed = tuple[PoseTable, PoseTable | None]
+
+
+def read_poses(
+    paths: str | Path | Iterable[str | Path],
+    *,
+    units: str = "auto",
+    rotation: str = "auto",
+    angle: str = "auto",
+    direction: str = "auto",
+) -> RawPoses:
+    """Raw poses from one file, or one file a pose: a list of paths, a folder, or a pattern such as poses/*.yaml.
+
+    Files a pose are put in natural order and named by their stem. The options say how the numbers are to be read and
+    go with the result to `readings`: units m, mm; rotation quat-xyzw, quat-wxyz, rotvec, euler:ZYX (any of the 24
+    orders), matrix; angle deg, rad; direction base-gripper (T_base_gripper), gripper-base; each auto by default.
+
+    Raises: InputError naming file and line (or entry) for whatever is not a pose, and for unknown options.
+    """
+    asked = options(units=units, rotation=rotation, angle=angle, direction=direction)
+    files = _files(paths)
+    if len(files) == 1:
+        table, target = _parse(files[0])
+    else:
+        table, target = _joined(files), None
+    raw = replace(raw_poses(table), options=asked)
+    return raw if target is None else replace(raw, target=raw_poses(target))
+
+
+def _files(paths: str | Path | Iterable[str | Path]) -> list[Path]:
+    """The files meant by paths, folders and patterns, in natural order; a single file stands alone."""
+    given = [paths] if isinstance(paths, str | Path) else list(paths)
+    if not given:
+        raise InputError("no file of poses given")
+    files: list[Path] = []
+    for item in given:
+        path = Path(item)
+        if path.is_dir():
+            found = [p for p in path.iterdir() if p.is_file() and p.suffix.lower() in READERS]
+            if not found:
+                raise InputError(f"{path}: a folder without pose files; expected files {', '.join(READERS)}")
+        elif path.exists():
+            found = [path]
+        else:
+            found = [Path(name) for name in glob.glob(str(item))]
+            if not found:
+                raise InputError(
+                    f"{item}: no such file, and no file matches it as a pattern; check the path of the poses"
+                )
+        files += found
+    return sorted(dict.fromkeys(files), key=lambda p: natural_key(str(p)))
+
+
+def _joined(files: list[Path]) -> PoseTable:
+    """One table from files of one pose each, named by their stems."""
+    tables = []
+    for path in files:
+        table, target = _parse(path)
+        if len(table.rows) != 1 or target is not None:
+            raise InputError(
+                f"{path}: {len(table.rows)} poses; where several files are given, each holds one pose; "
+                "give one file alone, or files of one pose"
+            )
+        tables.append(table)
+    header = tables[0].header
+    rows = []
+    for path, table in zip(files, tables):
+        if sorted(table.header) != sorted(header):
+            raise InputError(
+                f"{path}: has {', '.join(table.header)}; the first file, {files[0].name}, has {', '.join(header)}; "
+                "expected the same fields in every file"
+            )
+        rows.append(tuple(table.rows[0][table.header.index(column)] for column in header))
+    places = tuple(table.places[0] for table in tables)
+    names = tuple(path.stem for path in files)
+    return replace(
+        tables[0], rows=tuple(rows), places=places, names=names, source=f"{files[0].parent} ({len(files)} files)"
+    )
+
+
+def _parse(path: Path) -> Parsed:
+    text = _decoded(path)
+    if not text.strip():
+        raise InputError(f"{path}: no poses: the file is empty")
+    reader = READERS.get(path.suffix.lower(), _read_unknown)
+    return reader(text, path)
+
+
+def _decoded(path: Path) -> str:
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {(error.strerror or str(error)).lower()}") from error
+    if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return raw.decode("utf-16", errors="replace")
+    if b"\0" in raw:
+        raise InputError(f"{path}: a binary file; poses are read from text: {', '.join(READERS)}")
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        # Not UTF-8: then Latin-1, where spreadsheets of older systems keep their degree sign.
+        return raw.decode("latin-1")
+
+
+def _read_text(text: str, path: Path) -> Parsed:
+    return read_text_table(text, str(path)), None
+
+
+def _read_json(text: str, path: Path) -> Parsed:
+    return _read_data(read_json(text, str(path)), path)
+
+
+def _read_yaml(text: str, path: Path) -> Parsed:
+    return _read_data(read_yaml(text, str(path)), path)
+
+
+def _read_xml(text: str, path: Path) -> Parsed:
+    return _read_data(read_xml(text, str(path)), path)
+
+
+def _read_unknown(text: str, path: Path) -> Parsed:
+    """A file whose suffix says nothing: by its first character or line."""
+    start = text.lstrip()
+    if start.startswith(("{", "[")):
+        return _read_json(text, path)
+    if start.startswith("<"):
+        return _read_xml(text, path)
+    if start.startswith(("%YAML", "---", "- ")):
+        return _read_yaml(text, path)
+    return _read_text(text, path)
+
+
+def _read_data(data: Any, path: Path) -> Parsed:
+    def reference(name: str) -> PoseTable:
+        other = path.parent / name
+        if other == path:
+            raise InputError(f"{path}: names itself as the file of a pose")
+        return _parse(other)[0]
+
+    return read_document(_plain(data), str(path), read_reference=reference)
+
+
+def _plain(data: Any) -> Any:
+    """Arrays of OpenCV's files as lists: a stack of 4x4 matrices as a list of matrices."""
+    if isinstance(data, np.ndarray):
+        stacked = data.ndim == 2 and data.shape[1] == 4 and data.shape[0] > 4 and data.shape[0] % 4 == 0
+        array = data.reshape(-1, 4, 4) if stacked else data.ravel() if 1 in data.shape else data
+        return array.tolist()
+    if isinstance(data, dict):
+        return {key: _plain(value) for key, value in data.items()}
+    return [_plain(value) for value in data] if isinstance(data, list) else data
+
+
+READERS: dict[str, Callable[[str, Path], Parsed]] = {
+    ".csv": _read_text,
+    ".tsv": _read_text,
+    ".txt": _read_unknown,
+    ".dat": _read_unknown,
+    ".json": _read_json,
+    ".yaml": _read_yaml,
+    ".yml": _read_yaml,
+    ".xml": _read_xml,
+}
+"""Reader of a pose file by its suffix; any other suffix is judged by its content."""

@@ -174,7 +174,7 @@ def _intrinsic_angles(R: Array, axes: tuple[int, int, int]) -> Array:
     else:
         b = np.arctan2(sign * M[..., i, k], M[..., k, k])
         c = np.arctan2(sign * M[..., j, i], M[..., j, j])
-    return np.stack([a, np.abs(b) if proper else b, np.where(locked, 0.0, c)], axis=-1)
+    return np.stack([a, np.abs(b) if proper else b, np.where(locked, 0.0, c)], axis=-1) + 0.0  # no -0.0 in print
 
 
 def _elementary(axis: int, angle: Array) -> Array:

@@ -1,0 +1,31 @@
+"""Sessions of nox: the tests on every supported OpenCV, and the linters. `nox -l` lists them.
+
+Each session builds its own environment with pip; the tests themselves use no network.
+"""
+
+from __future__ import annotations
+
+import nox
+
+nox.options.sessions = ["lint", "tests"]
+nox.options.reuse_existing_virtualenvs = True
+
+OPENCV = ["4.12.0.88", "4.13.0.92", "4.14.0.94", "5.0.0.93"]
+"""The last release of each minor version that pyproject.toml admits."""
+
+
+@nox.session(python=False)
+def lint(session: nox.Session) -> None:
+    """Formatting, lint rules and types, with the tools of the current environment."""
+    session.run("ruff", "format", "--check", "src", "tests", "noxfile.py")
+    session.run("ruff", "check", "src", "tests", "noxfile.py")
+    session.run("mypy")
+
+
+@nox.session
+@nox.parametrize("opencv", OPENCV, ids=OPENCV)
+def tests(session: nox.Session, opencv: str) -> None:
+    """The whole suite with one OpenCV release; arguments after -- go to pytest."""
+    session.install("-e", ".[dev]", f"opencv-contrib-python-headless=={opencv}")
+    session.run("python", "-c", f"import cv2; v = cv2.__version__; assert v == '{opencv.rpartition('.')[0]}', v")
+    session.run("pytest", *session.posargs)

@@ -39,7 +39,7 @@ class Chessboard(Target):
     def points(self) -> Array:
         """Inner corners (columns * rows, 3), row by row, metres."""
         x, y = np.meshgrid(np.arange(self.columns), np.arange(self.rows))
-        return self.square * np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+        return self.square * np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1).astype(np.float64)
 
     @property
     def point_ids(self) -> NDArray[np.int64]:

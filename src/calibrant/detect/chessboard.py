@@ -1,0 +1,169 @@
+"""Find a plain chessboard: candidates, links, grid at a low resolution; sub-pixel corners at the full one.
+
+Several scales are tried, the one likeliest to work first: an image of about 640 pixels is quick and holds boards up to
+30x20; finer ones find smaller squares, coarser ones blurred boards. The whole grid that an image shows is always grown
+and compared with the one asked for, so that a wrong spec is not answered by a piece of the board.
+
+Numbering (see `targets/chessboard.py`): columns run along x, rows along y, never mirrored, and the outermost square
+behind corner 0 is dark. Where the board looks the same after a turn, x is chosen to run right or down.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from calibrant.detect.chessboard_corners import find_corners
+from calibrant.detect.chessboard_grid import Grid, grow_grids, turned
+from calibrant.detect.chessboard_links import neighbours
+from calibrant.detect.chessboard_snap import predict
+from calibrant.detect.detection import Detection, Grey
+from calibrant.detect.saddle import Refined, refine
+from calibrant.errors import InputError
+from calibrant.targets.chessboard import Chessboard
+from calibrant.targets.target import Target
+
+FIRST_LONGEST_PX = 800
+"""Longest side of the first scale tried: quick, and the squares of a 30x20 board that fills it still measure 20 px."""
+LEAST_SHORTEST_PX = 100
+"""Shortest side of the coarsest scale: a 3x3 board that fills it has squares of 25 px."""
+LEAST_SEEN = 0.8
+"""Of a board's corners; the others may be hidden by glare or a finger. With fewer, its extent is a guess."""
+LEAST_LOOK = 12
+"""Corners that a grid of another size needs to be called a board in a message: 4x3."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """A grid in the full image's pixels, and the factor of the scale it was found at."""
+
+    grid: Grid
+    factor: int
+
+    @property
+    def area(self) -> float:
+        points = self.grid.xy[self.grid.known]
+        return float(np.prod(np.ptp(points, axis=0))) if len(points) else 0.0
+
+
+class ChessboardDetector:
+    """Detector of `Chessboard` targets."""
+
+    def detect(self, grey: Grey, target: Target) -> Detection:
+        """All corners of the board in a grey image (h, w), with their standard deviations.
+
+        Raises: InputError when the target is not a chessboard.
+        """
+        if not isinstance(target, Chessboard):
+            raise InputError(f"the chessboard detector was given a target of kind {target.kind!r}")
+        others: list[_Found] = []
+        for factor in scales(grey.shape[1], grey.shape[0]):
+            found = _grids(grey, factor, target)
+            others += found
+            for candidate in sorted(found, key=lambda f: -f.area):
+                if sorted(candidate.grid.shape) == sorted((target.rows, target.columns)):
+                    detection = _numbered(grey, candidate, target)
+                    if detection.found:
+                        return detection
+        return _not_found(others, target)
+
+
+def scales(width: int, height: int) -> list[int]:
+    """Whole factors by which to shrink the image, in the order to try them."""
+    longest, shortest = max(width, height), min(width, height)
+    first = max(1, -(-longest // FIRST_LONGEST_PX))
+    finer = [first // 2, 1] if first > 3 else [1]
+    coarser = [f for f in (2 * first, 4 * first) if shortest // f >= LEAST_SHORTEST_PX]
+    return list(dict.fromkeys([first, *finer, *coarser]))
+
+
+def _grids(grey: Grey, factor: int, target: Chessboard) -> list[_Found]:
+    h, w = grey.shape
+    level = grey[: h - h % factor, : w - w % factor]
+    if factor > 1:
+        level = np.asarray(cv2.resize(level, (w // factor, h // factor), interpolation=cv2.INTER_AREA), np.uint8)
+    corners = find_corners(level)
+    grids = grow_grids(corners, neighbours(corners), least=min(6, target.rows * target.columns // 2))
+    # Pixel i of the small image covers pixels factor * i ... factor * (i + 1) - 1 of the large one.
+    shift = 0.5 * (factor - 1)
+    return [_Found(Grid(factor * g.xy + shift, g.dark, g.contrast), factor) for g in grids if g.known.sum() >= 4]
+
+
+def _numbered(grey: Grey, found: _Found, target: Chessboard) -> Detection:
+    grid = _oriented(found.grid, target)
+    known = grid.known
+    if known.mean() < LEAST_SEEN:
+        return Detection.nothing(
+            f"only {int(known.sum())} of {known.size} corners of the board can be seen; uncover it or light it evenly"
+        )
+    refined = _refined(grey, grid, found.factor)
+    good = refined.converged & (refined.noise < refined.contrast)
+    if good.sum() < LEAST_SEEN * known.size:
+        return Detection.nothing("the board was seen but its corners are too blurred or too noisy to be measured")
+    ids = np.flatnonzero(known.ravel())[good]
+    notes = () if target.turns_unnoticed_deg is None else (_ambiguous(target),)
+    return Detection(ids.astype(np.int64), refined.uv[good], refined.sigma_px[good], notes=notes)
+
+
+def _refined(grey: Grey, grid: Grid, factor: int) -> Refined:
+    xy = np.ascontiguousarray(grid.xy)
+    at = np.argwhere(grid.known)
+    steps = np.empty((len(at), 6))
+    for k, (row, column) in enumerate(at):
+        predict(xy, row, column, steps[k])
+    dark = grid.dark ^ (at.sum(axis=1) % 2 == 1)
+    # A coarse scale knows a corner to about half of its pixels, and is what is left of a blurred picture.
+    return refine(
+        np.ascontiguousarray(grey),
+        grid.xy[grid.known],
+        steps[:, 2:],
+        dark,
+        radius_px=max(8.0, 3.0 * factor),
+        blur_px=max(1.0, 0.5 * factor),
+    )
+
+
+def _oriented(grid: Grid, target: Chessboard) -> Grid:
+    """The grid turned so that its rows and columns are the target's and the square behind corner 0 is dark.
+
+    Of the turns that fit, the one whose x axis runs most to the lower right; on a board that has only one, that one.
+    """
+    turns = [grid]
+    for _ in range(3):
+        turns.append(turned(turns[-1]))
+    fitting = [g for g in turns if g.shape == (target.rows, target.columns)]
+    # The square behind corner 0 has the colour of the one before it. Boards of even counts have one colour at all four
+    # corners, and a print in the other colour is as good.
+    dark = [g for g in fitting if g.dark]
+    return max(dark or fitting, key=_lower_right)
+
+
+def _lower_right(grid: Grid) -> float:
+    x_axis = np.nanmean(np.diff(grid.xy, axis=1), axis=(0, 1))
+    # Slightly more right than down, so that a tie is decided.
+    return float((x_axis[0] + 0.99 * x_axis[1]) / np.linalg.norm(x_axis))
+
+
+def _ambiguous(target: Chessboard) -> str:
+    return (
+        f"a chessboard of {target.columns}x{target.rows} inner corners looks the same turned by "
+        f"{target.turns_unnoticed_deg}°, so its orientation cannot be known: corners are numbered with x running right "
+        "or down in the image. Keep its turn about the viewing direction within ±45° of upright in all views, or use a "
+        "board with one even and one odd count of corners."
+    )
+
+
+def _not_found(others: list[_Found], target: Chessboard) -> Detection:
+    asked = f"{target.columns}x{target.rows}"
+    seen = [f for f in others if f.grid.known.sum() >= LEAST_LOOK and f.grid.known.mean() >= LEAST_SEEN]
+    if not seen:
+        return Detection.nothing(f"no chessboard of {asked} inner corners was found")
+    rows, columns = max(seen, key=lambda f: f.area).grid.shape
+    if (rows > columns) != (target.rows > target.columns):
+        rows, columns = columns, rows
+    if (rows, columns) == (target.rows, target.columns):
+        return Detection.nothing("the board was seen but its corners are too blurred or too noisy to be measured")
+    size = f"{columns}x{rows} inner corners"
+    return Detection.nothing(f"the image looks like {size}, you asked for {asked}", looks_like=size)

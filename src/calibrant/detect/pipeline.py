@@ -1,0 +1,161 @@
+"""From image files to observations: every image on its own, in this process or in any executor."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from itertools import repeat
+from multiprocessing import get_context
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from calibrant.data import DEFAULT_CAMERA, Missed, Observations, View
+from calibrant.detect.detection import Detection
+from calibrant.detect.images import expand, load_grey
+from calibrant.detect.registry import detector_for
+from calibrant.errors import DetectionError, InputError
+from calibrant.targets.target import Target
+
+Progress = Callable[[int, int, str], None]
+"""Called after each image with how many are done, how many there are, and the file's name."""
+
+WORTH_A_POOL = 40
+"""Images from which two processes save time: a process takes about a second to start, an image some 20 ms."""
+POOL_SIZE = 2
+
+
+@dataclass(frozen=True)
+class ImageDetection:
+    """What one file gave: size (width, height), or None and the reason in `detection` when it could not be read."""
+
+    file: Path
+    size: tuple[int, int] | None
+    detection: Detection
+
+
+def detect(
+    images: str | Path | Iterable[str | Path],
+    *,
+    target: Target,
+    workers: int | Executor | None = None,
+    mirror_x: bool = False,
+    camera: str = DEFAULT_CAMERA,
+    progress: Progress | None = None,
+) -> Observations:
+    """The target in every image.
+
+    Args: images: files, patterns, folders; workers: how many processes, or an executor to use (None: two where the
+    images are many); mirror_x: images are flipped left to right before anything else, for cameras that deliver mirror
+    images, and pixels are those of the flipped image; progress: called after each image.
+    An image that cannot be read or does not show the target is listed in `missed` with the reason.
+    Raises: InputError when no image is given, none can be read, or sizes differ; DetectionError when no image shows the
+    target.
+    """
+    files = expand(images)
+    done = []
+    with _executor(workers, len(files)) as executor:
+        for result in _run(executor, files, target, mirror_x):
+            done.append(result)
+            if progress is not None:
+                progress(len(done), len(files), result.file.name)
+    size = _common_size(done)
+    found = [d for d in done if d.detection.found]
+    if not found:
+        raise DetectionError(_why_none([d for d in done if d.size is not None], target, len(done)))
+    names = _ids([d.file for d in done])
+    return Observations(
+        views=tuple(_view(d, names[d.file], target, camera) for d in found),
+        image_sizes={camera: size},
+        target=target.spec,
+        missed=tuple(
+            Missed(names[d.file], d.detection.reason or "", camera, str(d.file)) for d in done if not d.detection.found
+        ),
+        notes=tuple(dict.fromkeys(note for d in done for note in d.detection.notes)),
+    )
+
+
+def detect_file(file: Path, target: Target, mirror_x: bool) -> ImageDetection:
+    """The target in one file; a file that cannot be read gives the reason, not an error."""
+    # One image is one task: OpenCV's own threads would compete with the other processes.
+    cv2.setNumThreads(1)
+    try:
+        grey = load_grey(file)
+    except InputError as error:
+        return ImageDetection(file, None, Detection.nothing(str(error)))
+    if mirror_x:
+        grey = np.ascontiguousarray(grey[:, ::-1])
+    h, w = grey.shape
+    return ImageDetection(file, (w, h), detector_for(target.kind).detect(grey, target))
+
+
+def _executor(workers: int | Executor | None, count: int) -> AbstractContextManager[Executor | None]:
+    if isinstance(workers, Executor):
+        return nullcontext(workers)
+    if workers is not None and workers < 1:
+        raise InputError(f"workers must be at least 1, got {workers}")
+    number = workers if workers is not None else (POOL_SIZE if count >= WORTH_A_POOL else 1)
+    if min(number, count) <= 1:
+        return nullcontext(None)
+    # Fresh processes: a fork would copy the threads' locks of libraries that this process has already used.
+    return ProcessPoolExecutor(min(number, count), mp_context=get_context("spawn"))
+
+
+def _run(executor: Executor | None, files: Sequence[Path], target: Target, mirror_x: bool) -> Iterator[ImageDetection]:
+    mapping = map if executor is None else executor.map
+    return iter(mapping(detect_file, files, repeat(target), repeat(mirror_x)))
+
+
+def _common_size(done: Sequence[ImageDetection]) -> tuple[int, int]:
+    first = next((d for d in done if d.size is not None), None)
+    if first is None or first.size is None:
+        reasons = "; ".join(d.detection.reason or "" for d in done[:3])
+        raise InputError(f"none of {len(done)} images can be read: {reasons}")
+    for other in done:
+        if other.size is not None and other.size != first.size:
+            raise InputError(
+                f"images of two sizes: {first.file.name} is {first.size[0]}x{first.size[1]}, {other.file.name} is "
+                f"{other.size[0]}x{other.size[1]}; one camera takes images of one size: leave out the others"
+            )
+    return first.size
+
+
+def _why_none(readable: Sequence[ImageDetection], target: Target, count: int) -> str:
+    looks = Counter(d.detection.looks_like for d in readable if d.detection.looks_like)
+    head = f"0 of {count} boards found"
+    if looks:
+        asked = target.spec.split(":")[1]
+        return f"{head}; the images look like {looks.most_common(1)[0][0]}, you asked for {asked}"
+    reason, times = Counter(d.detection.reason for d in readable).most_common(1)[0]
+    where = "every image" if times == count else f"{times} of the images"
+    return f"{head}; {where}: {reason}"
+
+
+def _ids(files: Sequence[Path]) -> dict[Path, str]:
+    """The file's name for each; with as many folders before it as it takes to tell files of one name apart."""
+    names = {file: file.name for file in files}
+    depth = 1
+    while len(set(names.values())) < len(files) and depth < max(len(f.parts) for f in files):
+        depth += 1
+        repeated = {name for name, times in Counter(names.values()).items() if times > 1}
+        names = {f: "/".join(f.parts[-depth:]) if name in repeated else name for f, name in names.items()}
+    return names
+
+
+def _view(result: ImageDetection, name: str, target: Target, camera: str) -> View:
+    detection = result.detection
+    row_of = {int(label): row for row, label in enumerate(target.point_ids)}
+    rows = [row_of[int(label)] for label in detection.point_ids]
+    return View(
+        id=name,
+        points=target.points[rows],
+        uv=detection.uv,
+        point_ids=detection.point_ids,
+        camera=camera,
+        sigma_px=detection.sigma_px,
+        file=str(result.file),
+    )

@@ -44,10 +44,10 @@ class Look:
 
     blur_px: float = 0.7
     noise_grey: float = 2.0
-    paper_grey: float = 215.0
+    paper_grey: float = 235.0
     ink_grey: float = 25.0
-    uneven_light: float = 0.3
-    vignetting: float = 0.25
+    uneven_light: float = 0.25
+    vignetting: float = 0.2
     clutter: int = 60
 
     def __post_init__(self) -> None:
@@ -57,7 +57,7 @@ class Look:
             raise InputError(f"uneven_light and vignetting are parts of the light, 0 to below 1, got {self}")
 
 
-IDEAL = Look(blur_px=0.0, noise_grey=0.0, uneven_light=0.0, vignetting=0.0, clutter=0)
+IDEAL = Look(blur_px=0.0, noise_grey=0.0, paper_grey=215.0, ink_grey=25.0, uneven_light=0.0, vignetting=0.0, clutter=0)
 """A perfect lens, light and sensor: only pixels and 8 bits remain."""
 
 

@@ -1,0 +1,83 @@
+"""An estimate against the truth that only a simulation has: is the error as large as it was predicted to be?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import chi2
+
+from calibrant.data import TransformEstimate
+from calibrant.errors import InputError
+from calibrant.geometry import se3, so3
+
+Array = NDArray[np.float64]
+
+CONFIDENCE = 0.99
+
+
+@dataclass(frozen=True, eq=False)
+class TransformTruth:
+    """error (6,) = (rotation, radians; translation, metres), truth minus estimate, along the parent's axes; sigma (6,).
+
+    normalised = e^T C^-1 e follows chi-square with 6 degrees of freedom when the covariance tells the truth; `limit`
+    is where its CONFIDENCE region ends.
+    """
+
+    error: Array
+    sigma: Array
+    normalised: float
+    limit: float
+
+    @property
+    def inside(self) -> bool:
+        """Whether the truth lies in the region of CONFIDENCE."""
+        return self.normalised <= self.limit
+
+    @property
+    def translation_mm(self) -> float:
+        """Distance between the estimated and the true origin."""
+        return float(1e3 * np.linalg.norm(self.error[3:]))
+
+    @property
+    def rotation_deg(self) -> float:
+        """Angle between the estimated and the true rotation."""
+        return float(np.rad2deg(np.linalg.norm(self.error[:3])))
+
+
+@dataclass(frozen=True)
+class PointTruth:
+    """Distance in millimetres between where a point is and where the estimate puts it; sigma is its predicted RMS."""
+
+    error_mm: float
+    sigma_mm: float
+
+
+def transform_truth(estimate: TransformEstimate, T_true: ArrayLike) -> TransformTruth:
+    """Compare an estimate with the truth, both T_parent_child. Raises: InputError when it carries no covariance."""
+    covariance = _covariance(estimate)
+    error = se3.local(estimate.matrix, T_true)
+    normalised = float(error @ np.linalg.solve(covariance, error))
+    return TransformTruth(error, np.sqrt(np.diag(covariance)), normalised, float(chi2.ppf(CONFIDENCE, 6)))
+
+
+def point_truth(estimate: TransformEstimate, T_true: ArrayLike, p_child: ArrayLike) -> PointTruth:
+    """Error of a point of the child frame taken to the parent frame, p_parent = T_parent_child p_child.
+
+    Predicted: C_p = J C J^T with J = [-hat(R p), I]; the RMS distance is sqrt(trace C_p). Args: p_child (3,) metres.
+    """
+    p = np.asarray(p_child, dtype=np.float64)
+    covariance = _covariance(estimate)
+    J = np.hstack([-so3.hat(estimate.matrix[:3, :3] @ p), np.eye(3)])
+    error = se3.apply(T_true, p) - se3.apply(estimate.matrix, p)
+    sigma = float(np.sqrt(np.trace(J @ covariance @ J.T)))
+    return PointTruth(float(1e3 * np.linalg.norm(error)), 1e3 * sigma)
+
+
+def _covariance(estimate: TransformEstimate) -> Array:
+    if estimate.covariance is None:
+        raise InputError(
+            f"the estimate {estimate.parent} -> {estimate.child} has no covariance to compare with the truth"
+        )
+    return estimate.covariance

@@ -8,12 +8,13 @@ Flexible New Technique for Camera Calibration, 2000, section 5, where 5 deg of t
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calibrant.data import Check
+from calibrant.data import CalibrationResult, Check
+from calibrant.diagnose.residuals import camera_of, fitted_poses, structure_check, view_residuals
 from calibrant.errors import InputError
 from calibrant.geometry import se3
 
@@ -66,6 +67,60 @@ class Spread:
     distance: Array
     weakest_tilt_deg: float
     weakest_axis: str
+
+
+@dataclass(frozen=True, eq=False)
+class CameraCoverage:
+    """What the used views of one camera cover, and the checks that follow."""
+
+    camera: str
+    image_size: tuple[int, int]
+    coverage: Coverage
+    checks: tuple[Check, ...]
+
+
+def camera_coverage(result: CalibrationResult) -> tuple[CameraCoverage, ...]:
+    """Coverage of each camera that has used views, with the checks of `coverage_checks`, `spread_checks`, residuals.
+
+    Views without a pose count for the image only. Empty for results without observations.
+    """
+    if result.observations is None:
+        return ()
+    poses = fitted_poses(result)
+    residuals = view_residuals(result, poses)
+    left_out = {(camera_of(result, v), v.id) for v in result.views if not v.used}
+    out = []
+    for camera, size in result.observations.image_sizes.items():
+        mine = [v for v in result.observations.views if v.camera == camera and len(v)]
+        seen = [v for v in mine if (camera, v.id) not in left_out]
+        if not seen:
+            continue
+        coverage = image_coverage([v.uv for v in seen], image_size=size)
+        checks = coverage_checks(coverage)
+        posed = [v for v in seen if (camera, v.id) in poses]
+        if posed:
+            spread = board_spread([poses[camera, v.id] for v in posed], [v.points.mean(axis=0) for v in posed])
+            structure = structure_check(tuple(r for r in residuals if r.camera == camera), image_size=size)
+            checks += (*spread_checks(spread), structure)
+        out.append(CameraCoverage(camera, size, coverage, checks))
+    return tuple(out)
+
+
+def with_coverage_checks(result: CalibrationResult) -> CalibrationResult:
+    """The result with the checks of `camera_coverage` it does not have yet; a warning turns a verdict "ok" to "warn".
+
+    For results that estimate a camera: coverage says where its model is extrapolated.
+    """
+    known = {check.name for check in result.checks}
+    found = camera_coverage(result)
+    new = [
+        replace(check, name=check.name if len(found) == 1 else f"{check.name}-{item.camera}")
+        for item in found
+        for check in item.checks
+    ]
+    checks = (*result.checks, *(check for check in new if check.name not in known))
+    worse = result.verdict == "ok" and any(check.status == "warn" for check in checks)
+    return replace(result, checks=checks, verdict="warn" if worse else result.verdict)
 
 
 def image_coverage(uv: Iterable[ArrayLike], *, image_size: tuple[int, int]) -> Coverage:

@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 from scipy.special import gammaincc
 
 from calibrant.cameras import Camera
-from calibrant.data import CalibrationResult, Check, RobotPoses, TransformEstimate, View
+from calibrant.data import CalibrationResult, Check, RobotPoses, TransformEstimate, View, ViewResult
 from calibrant.errors import InputError
 from calibrant.geometry import se3
 
@@ -59,17 +59,35 @@ class ViewResiduals:
         return _rms(self.residuals)
 
 
+def camera_of(result: CalibrationResult, view: ViewResult) -> str:
+    """Name of the camera of a view: as it says, else the only one there is, else empty."""
+    if view.camera is not None:
+        return view.camera
+    names = result.observations.image_sizes if result.observations is not None else result.cameras
+    return next(iter(names)) if len(names) == 1 else ""
+
+
+def hand_eye_pair(result: CalibrationResult) -> tuple[TransformEstimate, TransformEstimate] | None:
+    """X and Z of A X B = Z: gripper -> camera and base -> target, or base -> camera and gripper -> target, or None."""
+    for X in result.transforms:
+        other = {"gripper": "base", "base": "gripper"}.get(X.parent)
+        for Z in result.transforms:
+            if X.child in ("camera", *result.cameras) and (Z.parent, Z.child) == (other, "target"):
+                return X, Z
+    return None
+
+
 def fitted_poses(result: CalibrationResult) -> dict[tuple[str, str], Array]:
     """T_camera_target of each view by (camera, id): as the result states it, else refitted to the view's points.
 
     The refit starts at the pose the robot predicts (see `robot_poses_of_target`); views without either are absent.
     """
-    stated = {(v.camera, v.id): v.T_camera_target for v in result.views if v.T_camera_target is not None}
+    stated = {(camera_of(result, v), v.id): v.T_camera_target for v in result.views}
     predicted = robot_poses_of_target(result)
     poses: dict[tuple[str, str], Array] = {}
     for view in result.observations.views if result.observations else ():
         key = (view.camera, view.id)
-        pose = stated.get(key, stated.get((None, view.id)))
+        pose = stated.get(key)
         start = predicted.get(view.moment, predicted.get(view.id))
         if pose is None and start is not None and view.camera in result.cameras:
             pose = refit_pose(result.cameras[view.camera], view, start)
@@ -86,7 +104,7 @@ def robot_poses_of_target(result: CalibrationResult) -> dict[str, Array]:
     """
     if result.robot_poses is None:
         return {}
-    found = _hand_eye_pair(result)
+    found = hand_eye_pair(result)
     if found is None:
         return {}
     X, Z = found
@@ -124,7 +142,7 @@ def view_residuals(result: CalibrationResult, poses: Mapping[tuple[str, str], Ar
         raise InputError(
             "the result carries no observations: residuals cannot be computed; calibrate again from images"
         )
-    used = {(v.camera, v.id) for v in result.views if v.used}
+    used = {(camera_of(result, v), v.id) for v in result.views if v.used}
     out = []
     for view in result.observations.views:
         T, camera = poses.get((view.camera, view.id)), result.cameras.get(view.camera)
@@ -132,7 +150,7 @@ def view_residuals(result: CalibrationResult, poses: Mapping[tuple[str, str], Ar
             continue
         r = camera.project(se3.apply(T, view.points)) - view.uv
         seen = np.all(np.isfinite(r), axis=-1)
-        is_used = (view.camera, view.id) in used or (None, view.id) in used
+        is_used = (view.camera, view.id) in used
         out.append(ViewResiduals(view.id, view.camera, is_used, view.uv[seen], r[seen], T, view.file))
     return tuple(out)
 
@@ -164,15 +182,6 @@ def structure_check(views: tuple[ViewResiduals, ...], *, image_size: tuple[int, 
         return Check("residual-structure", "warn", message, neighbour)
     message = f"the residuals of {count} points look random: no place in the image and no neighbour explains them"
     return Check("residual-structure", "ok", message, max(share, neighbour, 0.0))
-
-
-def _hand_eye_pair(result: CalibrationResult) -> tuple[TransformEstimate, TransformEstimate] | None:
-    by_frames = {(t.parent, t.child): t for t in result.transforms}
-    camera = next((t for t in result.transforms if t.child == "camera" or t.child in result.cameras), None)
-    if camera is None:
-        return None
-    target = by_frames.get(("base" if camera.parent == "gripper" else "gripper", "target"))
-    return None if target is None else (camera, target)
 
 
 def _chain_poses(poses: RobotPoses, X: TransformEstimate) -> Array:

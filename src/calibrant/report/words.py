@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from calibrant.data import CalibrationResult, Check, ViewResult
+from calibrant.diagnose.residuals import camera_of
 from calibrant.report.figures import camera_figures, translation_figures
 from calibrant.report.numbers import plain, sigma_text
 
@@ -42,10 +43,10 @@ def title(result: CalibrationResult) -> str:
 
 def view_rows(result: CalibrationResult) -> list[ViewRow]:
     """Every image in order: the views of the result, then the images in which no target was found."""
-    rows = [_row(view) for view in result.views]
-    known = {(row.camera, row.id) for row in rows} | {("", row.id) for row in rows if not row.camera}
+    rows = [_row(view, camera_of(result, view)) for view in result.views]
+    known = {(row.camera, row.id) for row in rows}
     for missed in result.observations.missed if result.observations else ():
-        if (missed.camera, missed.id) not in known and ("", missed.id) not in known:
+        if (missed.camera, missed.id) not in known:
             rows.append(ViewRow(missed.id, missed.camera, False, 0, 0, None, missed.reason))
     return rows
 
@@ -95,10 +96,8 @@ def _passed(result: CalibrationResult) -> str:
     return f"{text[:1].upper()}{text[1:]}." if text else ""
 
 
-def _row(view: ViewResult) -> ViewRow:
-    return ViewRow(
-        view.id, view.camera or "", view.used, view.points, view.points_left_out, view.rms_px, view.reason or ""
-    )
+def _row(view: ViewResult, camera: str) -> ViewRow:
+    return ViewRow(view.id, camera, view.used, view.points, view.points_left_out, view.rms_px, view.reason or "")
 
 
 def _sentence(text: str) -> str:

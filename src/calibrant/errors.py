@@ -19,7 +19,12 @@ class InputError(CalibrantError):
 
 
 class RefusedError(CalibrantError):
-    """The data are readable but cannot determine the result, or contradict it: the calibration is refused."""
+    """The data are readable but cannot determine the result, or contradict it: the calibration is refused.
+
+    `result` is the calibration that failed its checks, where it got that far; it is for diagnosis, not for use.
+    """
+
+    result: object | None = None
 
 
 class DetectionError(InputError):

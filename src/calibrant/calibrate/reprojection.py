@@ -1,17 +1,9 @@
 """Reprojection: the factor that ties cameras, poses and targets together in every calibration problem.
 
-A view sees target points p_target through a chain of transforms, T_camera_target = prod_k L_k, each link a variable or
-its inverse:
-
-    intrinsics   T_camera_target
-    rig          T_camera_rig  T_rig_target
-    eye-in-hand  T_gripper_camera^-1  T_base_gripper^-1  T_base_target
-    eye-to-hand  T_base_camera^-1  T_base_gripper  T_gripper_target
-
     r = project(theta, T_camera_target (p + sum_j m_j d_j)) - uv
 
-with theta the camera's parameters and d_j the target's modes (scale, bending). The kernel differentiates with respect
-to T_camera_target alone; each link's share follows from the 6x6 matrix that maps the link's tangent to the chain's.
+with T_camera_target a chain of transforms (see `chain`), theta the camera's parameters and d_j the target's modes
+(scale, bending). The kernel differentiates with respect to T_camera_target; the chain hands that on to its links.
 """
 
 from __future__ import annotations
@@ -22,6 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.calibrate import chain as chains
+from calibrant.calibrate.chain import Link
 from calibrant.cameras import CameraModel
 from calibrant.data import View
 from calibrant.geometry import se3, so3
@@ -33,15 +27,6 @@ Indices = NDArray[np.int64]
 
 PARALLEL_POINTS = 4000
 """Points from which a second core pays: starting the team costs ~10 us, a point costs ~50 ns."""
-
-
-@dataclass(frozen=True, eq=False)
-class Link:
-    """One transform of the chain: a variable, the instance (m,) each view uses, and whether it enters inverted."""
-
-    variable: str
-    indices: Indices
-    inverted: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +96,9 @@ class ReprojectionFactor(Factor):
         self._points = np.ascontiguousarray(views.points.T)
         self._uv = np.ascontiguousarray(views.uv.T)
         n_modes = 0 if modes is None else len(modes.directions)
-        self._modes = np.zeros((0, 3, 0)) if modes is None else np.ascontiguousarray(np.swapaxes(modes.directions, 1, 2))
+        self._modes = (
+            np.zeros((0, 3, 0)) if modes is None else np.ascontiguousarray(np.swapaxes(modes.directions, 1, 2))
+        )
         self._width = 6 + len(model.parameter_names) + n_modes
 
     def _split(self, values: Sequence[Array]) -> tuple[Sequence[Array], Array, Array]:
@@ -121,12 +108,7 @@ class ReprojectionFactor(Factor):
 
     def T_camera_target(self, *values: Array) -> Array:
         """The chain's product (m, 4, 4) for the slots' values."""
-        T = None
-        for link, value in zip(self.chain, self._split(values)[0]):
-            factor = se3.inverse(value) if link.inverted else value
-            T = factor if T is None else T @ factor
-        if T is None:
-            raise ValueError("a reprojection chain needs at least one link")
+        T = chains.product(self.chain, self._split(values)[0])
         return np.ascontiguousarray(np.broadcast_to(T, (self.edges, 4, 4)))
 
     def _deformed(self, theta: Array) -> Array:
@@ -155,7 +137,8 @@ class ReprojectionFactor(Factor):
         uv, J_point, J_camera = self._project(parameters, p)
         J_pose = np.concatenate([-J_point @ so3.hat(rotated), J_point], axis=-1)
         jacobians = [
-            J_pose @ np.broadcast_to(M, (self.edges, 6, 6))[self._edge_of_row] for M in self._link_maps(values)
+            J_pose @ np.broadcast_to(M, (self.edges, 6, 6))[self._edge_of_row]
+            for M in chains.link_maps(self.chain, self._split(values)[0])
         ]
         jacobians.append(J_camera)
         if self.modes is not None:
@@ -171,34 +154,6 @@ class ReprojectionFactor(Factor):
             a = parameters[edge if len(parameters) > 1 else 0]
             uv[s], J_point[s], J_camera[s] = self.model.project_with_jacobians(a, p[s])
         return uv, J_point, J_camera
-
-    def _link_maps(self, values: Sequence[Array]) -> list[Array]:
-        """Matrices (m, 6, 6) from each link's tangent to the chain's, both in `se3.retract`'s chart.
-
-        For T = L T_k M: omega = R_L omega_k, v = R_L (omega_k x (R_k t_M) + v_k); an inverted link first maps its own
-        tangent to its inverse's: omega' = -R^T omega, v' = -R^T (v - omega x t).
-        """
-        poses = self._split(values)[0]
-        if len(self.chain) == 1 and not self.chain[0].inverted:
-            return [np.eye(6)[None]]
-        factors = [se3.inverse(v) if link.inverted else v for link, v in zip(self.chain, poses)]
-        maps = []
-        for k, link in enumerate(self.chain):
-            left: Array = np.eye(4)[None]
-            for factor in factors[:k]:
-                left = left @ factor
-            right: Array = np.eye(4)[None]
-            for factor in factors[k + 1 :]:
-                right = right @ factor
-            R_left = left[:, :3, :3]
-            arm = (factors[k][:, :3, :3] @ right[:, :3, 3, None])[..., 0]
-            M = np.zeros((max(len(R_left), len(arm)), 6, 6))
-            M[:, :3, :3] = M[:, 3:, 3:] = R_left
-            M[:, 3:, :3] = -R_left @ so3.hat(arm)
-            if link.inverted:
-                M = M @ _inverse_map(poses[k])
-            maps.append(M)
-        return maps
 
     def blocks(self, values: Sequence[Array], *, sigma: float) -> FactorBlocks:
         from calibrant.calibrate import reprojection_kernels
@@ -225,34 +180,23 @@ class ReprojectionFactor(Factor):
             g,
             cost,
         )
-        return self._through_chain(H, g, float(cost.sum()), self._link_maps(values))
+        return self._through_chain(H, g, float(cost.sum()), chains.link_maps(self.chain, self._split(values)[0]))
 
     def _through_chain(self, H: Array, g: Array, cost: float, maps: Sequence[Array]) -> FactorBlocks:
         """Blocks of the slots from those of (T_camera_target, camera, modes)."""
-        links, k = len(self.chain), len(self.model.parameter_names)
+        links, k, plain = len(self.chain), len(self.model.parameter_names), chains.is_plain(self.chain)
         pieces = [slice(0, 6)] * links + [slice(6, 6 + k)]
         if self.modes is not None:
             pieces.append(slice(6 + k, self._width))
-        if links == 1 and not self.chain[0].inverted:
-            maps = [None]  # type: ignore[list-item]
         gradient, hessian = [], {}
         for a, rows in enumerate(pieces):
-            left = maps[a] if a < links else None
+            left = maps[a] if a < links and not plain else None
             ga = g[:, rows]
             gradient.append(ga if left is None else np.einsum("nij,ni->nj", np.broadcast_to(left, (len(g), 6, 6)), ga))
             for b in range(a, len(pieces)):
                 block = H[:, rows, pieces[b]]
                 if left is not None:
                     block = np.swapaxes(left, -1, -2) @ block
-                right = maps[b] if b < links else None
+                right = maps[b] if b < links and not plain else None
                 hessian[a, b] = block if right is None else block @ right
         return FactorBlocks(cost, tuple(gradient), hessian)
-
-
-def _inverse_map(T: Array) -> Array:
-    """Tangent of T^-1 from the tangent of T: [[-R^T, 0], [-R^T hat(t), -R^T]]."""
-    Rt = np.swapaxes(T[:, :3, :3], -1, -2)
-    M = np.zeros((len(T), 6, 6))
-    M[:, :3, :3] = M[:, 3:, 3:] = -Rt
-    M[:, 3:, :3] = -Rt @ so3.hat(T[:, :3, 3])
-    return M

@@ -15,7 +15,6 @@ from numba import njit, prange, types
 from calibrant.cameras.kernels import FAST, ROWS
 
 
-
 def _constant(kind, ndim):  # type: ignore[no-untyped-def]
     """Type of an input array: frozen values are read-only, writable arrays convert."""
     return types.Array(kind, ndim, "C", readonly=True)

@@ -137,13 +137,17 @@ class VectorPrior(Factor):
 
     def linearize(self, *values: Array) -> tuple[Array, tuple[Array, ...]]:
         (x,) = values
-        return (x - self.mean) @ self.sqrt_information.T, (np.broadcast_to(self.sqrt_information, (1, *self.sqrt_information.shape)),)
+        return (x - self.mean) @ self.sqrt_information.T, (
+            np.broadcast_to(self.sqrt_information, (1, *self.sqrt_information.shape)),
+        )
 
 
 class RotationPrior(Factor):
     """Measured rotations: r = log(R R_measured^T), radians, along the parent's axes."""
 
-    def __init__(self, name: str, variable: str, measured: Array, *, noise: str, indices: Indices | None = None) -> None:
+    def __init__(
+        self, name: str, variable: str, measured: Array, *, noise: str, indices: Indices | None = None
+    ) -> None:
         self.measured = np.asarray(measured, dtype=np.float64)[:, :3, :3]
         index = np.arange(len(self.measured)) if indices is None else indices
         super().__init__(name, variables=(variable,), indices=(index,), dim=3, noise=noise)
@@ -159,7 +163,9 @@ class RotationPrior(Factor):
 class TranslationPrior(Factor):
     """Measured positions: r = t - t_measured, metres, along the parent's axes."""
 
-    def __init__(self, name: str, variable: str, measured: Array, *, noise: str, indices: Indices | None = None) -> None:
+    def __init__(
+        self, name: str, variable: str, measured: Array, *, noise: str, indices: Indices | None = None
+    ) -> None:
         self.measured = np.asarray(measured, dtype=np.float64)[:, :3, 3]
         index = np.arange(len(self.measured)) if indices is None else indices
         super().__init__(name, variables=(variable,), indices=(index,), dim=3, noise=noise)

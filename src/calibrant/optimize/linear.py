@@ -51,7 +51,9 @@ class Elimination:
     weak: NDArray[np.int64]
 
 
-def assemble(structure: Structure, factors: Sequence[FactorBlocks], *, bases: Sequence[Sequence[Array | None]]) -> NormalEquations:
+def assemble(
+    structure: Structure, factors: Sequence[FactorBlocks], *, bases: Sequence[Sequence[Array | None]]
+) -> NormalEquations:
     """Sum the edge blocks of all factors. bases: for each factor, each slot's natural-from-free basis, or None."""
     shared = structure.shared
     V = [np.zeros((n, b, b)) for b, n in structure.batches]

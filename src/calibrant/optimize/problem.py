@@ -48,7 +48,9 @@ class Problem:
                     raise InputError(f"factor {factor.name!r} uses variable {name!r}; there are: {', '.join(names)}")
                 count = self.variables[names.index(name)].count
                 if indices.min() < 0 or indices.max() >= count:
-                    raise InputError(f"factor {factor.name!r} uses instance {indices.max()} of {name!r}, which has {count}")
+                    raise InputError(
+                        f"factor {factor.name!r} uses instance {indices.max()} of {name!r}, which has {count}"
+                    )
                 touched.add(name)
         idle = [v.name for v in self.variables if v.free_dim and v.name not in touched]
         if idle:

@@ -122,7 +122,9 @@ class Solution:
         for variable, p in zip(self.problem.variables, self.problem.structure.placements):
             if p is None:
                 continue
-            hit = np.flatnonzero((p.batch == batch) & (p.row == row) & (p.offset <= column) & (column < p.offset + p.dim))
+            hit = np.flatnonzero(
+                (p.batch == batch) & (p.row == row) & (p.offset <= column) & (column < p.offset + p.dim)
+            )
             if len(hit):
                 i = int(hit[0])
                 return f"{variable.manifold.free_names[column - int(p.offset[i])]} of {variable.label(i)}"
@@ -132,7 +134,9 @@ class Solution:
         names = []
         for variable, p in zip(self.problem.variables, self.problem.structure.placements):
             if p is not None and p.batch[0] == SHARED:
-                names += [f"{f} of {variable.label(i)}" for i in range(variable.count) for f in variable.manifold.free_names]
+                names += [
+                    f"{f} of {variable.label(i)}" for i in range(variable.count) for f in variable.manifold.free_names
+                ]
         return names
 
     @cached_property
@@ -157,7 +161,8 @@ class Solution:
 
         if self.unobservable:
             raise RefusedError(
-                "the problem has no covariance: " + "; ".join(u.message for u in self.unobservable[:5])
+                "the problem has no covariance: "
+                + "; ".join(u.message for u in self.unobservable[:5])
                 + ". Hold these parameters, or add data that move them"
             )
         scale, inverse, _ = self._shared_spectrum

@@ -100,7 +100,9 @@ def _components(
     else:
         i, j = np.concatenate(rows), np.concatenate(columns)
         n, labels = connected_components(coo_array((np.ones(len(i)), (i, j)), shape=(total, total)), directed=False)
-    return {v: np.asarray(labels[starts[v] : starts[v] + variables[v].count], dtype=np.int64) for v in eliminated}, int(n)
+    return {v: np.asarray(labels[starts[v] : starts[v] + variables[v].count], dtype=np.int64) for v in eliminated}, int(
+        n
+    )
 
 
 def _cost(variables: Sequence[Variable], components: dict[int, Indices], n: int) -> float:
@@ -161,7 +163,9 @@ def _place(
         else:
             columns = shared + v.free_dim * np.arange(v.count)
             shared += v.free_dim * v.count
-            placements.append(Placement(np.full(v.count, SHARED), np.zeros(v.count, dtype=np.int64), columns, v.free_dim))
+            placements.append(
+                Placement(np.full(v.count, SHARED), np.zeros(v.count, dtype=np.int64), columns, v.free_dim)
+            )
     batches = tuple((size, int(np.sum(batch_of == b))) for b, size in enumerate(distinct))
     return tuple(placements), batches, shared
 

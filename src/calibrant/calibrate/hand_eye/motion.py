@@ -44,6 +44,10 @@ about changing axes) give less than 1, so the data are then worth some 25 times 
 FEW_POSES = 5
 """Fewer distinct poses give at most 24 equations for the 12 unknowns of X and Z: little is left to check them by."""
 
+FEW_FOR_MEDIAN = 10
+"""With fewer poses the median of the differences is itself uncertain by a third and more, and often far too small:
+degenerate motions would pass."""
+
 MANY_POSES = 50
 """Distinct poses are counted up to here; nothing depends on more, and comparing all with all takes time."""
 
@@ -84,7 +88,7 @@ class MotionReport:
         return tuple(f for f in self.findings if f.status == "fail" and f.name in DEGENERATE)
 
     def finding(self, name: str) -> MotionFinding | None:
-        """The finding of that name, None when the motions gave no reason to ask (too few poses)."""
+        """The finding of that name; None when it was not asked, because an earlier one failed or the poses are few."""
         return next((f for f in self.findings if f.name == name), None)
 
     def require_determined(self) -> None:
@@ -109,21 +113,29 @@ def report_of(pairs: PosePairs, *, frame: str = "gripper") -> MotionReport:
     poses = _poses_finding(distinct, len(pairs))
     if poses.status == "fail":
         return MotionReport((poses,), distinct, float("nan"), float("inf"))
-    sigma = rotation_noise(pairs.motions)
+    sigma = rotation_noise(pairs)
     spectrum = _spectrum(pairs)
     axes = _axes_findings(spectrum, sigma, frame)
     undetermined = any(f.status == "fail" for f in axes)
     predicted = float("inf") if undetermined else float(np.rad2deg(sigma * spectrum.dilution))
-    return MotionReport((poses, *axes, *_agreement(pairs.motions)), distinct, float(np.rad2deg(sigma)), predicted)
+    # Motions that are noise, or so few that chance agrees or not, say nothing about the pairing.
+    agreement = () if undetermined or distinct < FEW_POSES else _agreement(pairs.motions)
+    return MotionReport((poses, *axes, *agreement), distinct, float(np.rad2deg(sigma)), predicted)
 
 
-def rotation_noise(motions: RelativeMotions) -> float:
+def rotation_noise(pairs: PosePairs) -> float:
     """sigma of a pose's rotation about one axis, rad: A and B see the same angle, so the difference is noise alone.
 
-    sigma = 1.4826 median |angle_A - angle_B| / sqrt(2), kept within SIGMA_ROTATION; sqrt(2) for the two poses of a
-    pair."""
-    difference = np.linalg.norm(motions.alpha, axis=1) - np.linalg.norm(motions.beta, axis=1)
-    return float(np.clip(1.4826 * np.median(np.abs(difference)) / np.sqrt(2), *SIGMA_ROTATION))
+    sigma = spread(angle_A - angle_B) / sqrt(2), the sqrt(2) for the two poses of a pair, kept within SIGMA_ROTATION.
+    The spread is 1.4826 median |difference|, which wrong views do not move; with few poses it is the RMS.
+    """
+    m = pairs.motions
+    difference = np.linalg.norm(m.alpha, axis=1) - np.linalg.norm(m.beta, axis=1)
+    if len(pairs) < FEW_FOR_MEDIAN:
+        spread = float(np.sqrt(np.mean(difference**2)))
+    else:
+        spread = 1.4826 * float(np.median(np.abs(difference)))
+    return float(np.clip(spread / np.sqrt(2), *SIGMA_ROTATION))
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +165,7 @@ def _spectrum(pairs: PosePairs) -> _Spectrum:
 
     def moments(vectors: Array) -> tuple[float, float, Array]:
         values, axes = np.linalg.eigh(vectors.T @ vectors / len(vectors) * scale)
+        values = np.maximum(values, 0.0)  # rounding makes empty directions slightly negative
         return float(values.sum()), float(values[0] + values[1]), axes
 
     total_a, off_a, axes = moments(m.alpha)

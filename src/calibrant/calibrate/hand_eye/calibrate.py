@@ -1,0 +1,408 @@
+"""Hand-eye and robot-world calibration from robot poses and photos, or from pose pairs.
+
+views and poses -> what can the motions determine? -> closed forms -> joint refinement with the noise levels -> views
+that do not belong are left out, and again -> target scale, held-out error, checks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calibrant.calibrate.hand_eye import checks as questions
+from calibrant.calibrate.hand_eye.consistency import inconsistent_views
+from calibrant.calibrate.hand_eye.held_out import leave_out
+from calibrant.calibrate.hand_eye.joint import (
+    FLOORS,
+    LOOP_ROTATION,
+    LOOP_TRANSLATION,
+    PIXEL,
+    ROBOT_ROTATION,
+    ROBOT_TRANSLATION,
+    SCALE,
+    CameraRole,
+    image_problem,
+    pose_problem,
+    prior_camera,
+)
+from calibrant.calibrate.hand_eye.loops import loop_errors
+from calibrant.calibrate.hand_eye.motion import MotionReport, motion_report
+from calibrant.calibrate.hand_eye.seed import Seed, best_seed, compare_methods, mean_of_methods, method_result
+from calibrant.calibrate.hand_eye.setup import SETUPS, Setup, get_setup
+from calibrant.calibrate.hand_eye.views import HandEyeViews, from_observations, from_target_poses
+from calibrant.calibrate.intrinsics import calibrate_keeping
+from calibrant.calibrate.outliers import mark, points_reason
+from calibrant.calibrate.provenance import refuse_if_failed, stamp
+from calibrant.cameras import Camera
+from calibrant.data import (
+    CalibrationResult,
+    Check,
+    Measured,
+    Observations,
+    RobotPoses,
+    SigmaRobot,
+    View,
+    ViewResult,
+    as_transform,
+    verdict_of,
+)
+from calibrant.errors import InputError, RefusedError
+from calibrant.geometry import se3
+from calibrant.optimize.levenberg_marquardt import solve
+from calibrant.optimize.noise import NoiseEstimate, estimate_noise
+from calibrant.optimize.problem import Problem
+from calibrant.optimize.solution import Solution
+
+Array = NDArray[np.float64]
+
+MAX_CLEANING_ROUNDS = 3
+LEAST_SIGMA_START = 1e-6
+"""Start of a noise level when the closed form fits exactly: radians and metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A joint fit: the noise estimate with its solution, and the views and camera it rests on."""
+
+    noise: NoiseEstimate
+    data: HandEyeViews
+    views: tuple[View, ...] | None
+    role: CameraRole
+
+
+def calibrate_hand_eye(
+    T_base_gripper: RobotPoses | ArrayLike,
+    target: Observations | ArrayLike,
+    *,
+    setup: str,
+    camera: Camera | None = None,
+    model: str = "brown",
+    fix: Sequence[str] = (),
+) -> CalibrationResult:
+    """Calibrate where the camera is: on the gripper (eye-in-hand) or beside the robot (eye-to-hand).
+
+    T_base_gripper: robot poses, RobotPoses or (n, 4, 4), metres. target: T_camera_target (n, 4, 4), or Observations of
+    one camera whose views carry the poses' ids. camera: known intrinsics, with their covariance where it is known;
+    without it the same images calibrate the camera (`model`, `fix`).
+    Returns a CalibrationResult of kind "hand-eye". Raises: InputError for unusable input; RefusedError when the poses
+    cannot determine the result or contradict it, naming why.
+    """
+    chosen = get_setup(setup)
+    poses = T_base_gripper if isinstance(T_base_gripper, RobotPoses) else RobotPoses.from_matrices(T_base_gripper)
+    if isinstance(target, Observations):
+        observations = _named_by_poses(target, poses, given_ids=isinstance(T_base_gripper, RobotPoses))
+        data, role, sigma_px = _prepare_images(poses, observations, camera, model, fix)
+    else:
+        observations = None
+        B = se3.check(target, name="T_camera_target")
+        data, role, sigma_px = from_target_poses(poses, np.atleast_3d(B)), None, 1.0
+    _require_poses(data)
+    report = motion_report(*_pairs(chosen, data), frame=chosen.camera_parent)
+    report.require_determined()
+    data, seed = _seed(chosen, data)
+    setup_answer = questions.setup_check(chosen, seed, _other_seed(chosen, data))
+    if setup_answer.status == "fail":
+        raise RefusedError(f"{setup_answer.name}: {setup_answer.message}")
+    joint = _refine(chosen, data, seed, role, sigma_px)
+    return _result(
+        chosen, poses, observations, joint, seed, report, setup_answer, fix=fix, camera_given=camera is not None
+    )
+
+
+def _named_by_poses(observations: Observations, poses: RobotPoses, *, given_ids: bool) -> Observations:
+    """Views that carry the poses' ids: by name when the poses have names, else by order."""
+    if len(observations.image_sizes) != 1:
+        raise InputError(f"hand-eye calibration takes one camera, got {', '.join(observations.image_sizes)}")
+    if given_ids:
+        return observations
+    if len(observations.views) != len(poses):
+        raise InputError(
+            f"{len(poses)} robot poses without names but {len(observations.views)} views with a target; "
+            "give RobotPoses with the views' ids, or one pose a view"
+        )
+    views = tuple(replace(v, moment=i) for v, i in zip(observations.views, poses.ids))
+    return replace(observations, views=views)
+
+
+def _prepare_images(
+    poses: RobotPoses, observations: Observations, camera: Camera | None, model: str, fix: Sequence[str]
+) -> tuple[HandEyeViews, CameraRole, float]:
+    """Target poses from the images, and the camera's role in the joint problem."""
+    if camera is not None:
+        data = from_observations(poses, observations, camera, sigma_px=1.0)
+        return data, prior_camera(camera), max(float(np.nanmedian(data.rms_px)) / np.sqrt(2), 1e-3)  # type: ignore[arg-type]
+    kept = calibrate_keeping(observations, model=model, fix=fix)
+    result = kept.result
+    sigma = max(result.sigma_px or 0.0, 1e-3)
+    data = from_observations(poses, replace(observations, views=kept.views), result.camera, sigma)
+    held = tuple(n for n, s in result.camera.sigma.items() if s == 0)
+    extra = [(v, T) for v, T, use in zip(data.views or (), data.B, data.use) if not use and len(v) >= 4]
+    usable = [(v, T) for v, T in extra if not np.allclose(T, np.eye(4))]
+    role = CameraRole(
+        result.camera,
+        held,
+        extra=tuple(v for v, _ in usable),
+        extra_poses=np.array([T for _, T in usable]).reshape(-1, 4, 4),
+    )
+    return data, role, sigma
+
+
+def _require_poses(data: HandEyeViews) -> None:
+    used = int(data.use.sum())
+    if used < 3:
+        reasons = "; ".join(f"{i}: {r}" for i, r in zip(data.ids, data.reasons) if r)
+        raise RefusedError(
+            f"poses: {used} usable poses of {len(data)}, at least 3 are needed, better 10 to 20"
+            + (f" ({reasons})" if reasons else "")
+        )
+
+
+def _pairs(setup: Setup, data: HandEyeViews) -> tuple[Array, Array]:
+    return setup.normal_form(data.T_base_gripper[data.use]), data.B[data.use]
+
+
+def _seed(setup: Setup, data: HandEyeViews) -> tuple[HandEyeViews, Seed]:
+    """Closed-form start; views far from where the others put the target are left out."""
+    seed = best_seed(*_pairs(setup, data), certainty=data.certainty[data.use])
+    dropped = np.zeros(len(data), dtype=bool)
+    dropped[np.flatnonzero(data.use)[~seed.keep]] = True
+    if not dropped.any():
+        return data, seed
+    A = setup.normal_form(data.T_base_gripper)
+    delta = se3.local(seed.Z, A @ seed.X @ data.B)
+    reasons = [
+        f"left out: it puts the target {1e3 * np.linalg.norm(d[3:]):.3g} mm and {np.rad2deg(np.linalg.norm(d[:3])):.3g} deg "
+        f"from where the others do ({seed.loop.median_mm:.2g} mm, {seed.loop.median_deg:.2g} deg typically); wrong pose, "
+        "wrong image, or a misread board"
+        for d in delta
+    ]
+    return data.without(dropped, reasons), seed  # type: ignore[arg-type]
+
+
+def _other_seed(setup: Setup, data: HandEyeViews) -> Seed | None:
+    other = next(s for s in SETUPS.values() if s.name != setup.name)
+    try:
+        return best_seed(*_pairs(other, data), certainty=data.certainty[data.use])
+    except RefusedError:
+        return None
+
+
+def _problem(
+    setup: Setup,
+    data: HandEyeViews,
+    views: Sequence[View] | None,
+    role: CameraRole | None,
+    X: Array,
+    Z: Array,
+    sigmas: dict[str, float],
+    *,
+    free_scale: bool = False,
+) -> Problem:
+    robot = data.T_base_gripper[data.use]
+    if views is None or role is None:
+        return pose_problem(setup, robot, data.B[data.use], X=X, Z=Z, sigmas=sigmas, free_scale=free_scale)
+    return image_problem(setup, views, robot, role, X=X, Z=Z, sigmas=sigmas, free_scale=free_scale)
+
+
+def _refine(setup: Setup, data: HandEyeViews, seed: Seed, role: CameraRole | None, sigma_px: float) -> Joint:
+    """Joint fit, then without the points and views that do not belong, until nothing more goes."""
+    X, Z = seed.X, seed.Z
+    rotation = max(np.deg2rad(seed.loop.median_deg), LEAST_SIGMA_START)
+    translation = max(1e-3 * seed.loop.median_mm, LEAST_SIGMA_START)
+    sigmas = (
+        {LOOP_ROTATION: rotation, LOOP_TRANSLATION: translation}
+        if role is None
+        else {PIXEL: sigma_px, ROBOT_ROTATION: rotation / 2, ROBOT_TRANSLATION: translation / 2}
+    )
+    views = None if data.views is None else [v for v, use in zip(data.views, data.use) if use]
+    for _ in range(MAX_CLEANING_ROUNDS):
+        problem = _problem(setup, data, views, role, X, Z, sigmas)
+        noise = estimate_noise(problem, floors=FLOORS)
+        if role is not None:
+            data = data.seen_by(_camera(role, noise.solution))
+        cleaned, kept = _clean(setup, data, views, noise)
+        if cleaned is data and kept is views:
+            break
+        data, views = cleaned, kept
+        _require_poses(data)
+        solution = noise.solution
+        X, Z = solution.value(setup.camera_transform)[0], solution.value(setup.target_transform)[0]
+        sigmas = dict(solution.sigmas)
+    else:
+        noise = estimate_noise(_problem(setup, data, views, role, X, Z, sigmas), floors=FLOORS)
+    final = role if role is not None else CameraRole(_no_camera(), ())
+    return Joint(noise, data, None if views is None else tuple(views), final)
+
+
+def _no_camera() -> Camera:
+    """Stands where pose pairs have no camera; its values are never read."""
+    return Camera.create("pinhole", {"fx": 1.0, "fy": 1.0, "cx": 0.0, "cy": 0.0}, image_size=(1, 1))
+
+
+def _clean(
+    setup: Setup, data: HandEyeViews, views: list[View] | None, noise: NoiseEstimate
+) -> tuple[HandEyeViews, list[View] | None]:
+    """Leave out views whose loop does not fit the others, and points beyond the noise."""
+    odd = inconsistent_views(setup, data, noise)
+    if odd.any() and data.use.sum() - odd.sum() >= 3 and odd.mean() <= 1 / 3:
+        dropped = np.zeros(len(data), dtype=bool)
+        dropped[np.flatnonzero(data.use)[odd]] = True
+        reason = "left out: its robot pose and its image disagree by more than the noise of the others explains"
+        kept = None if views is None else [v for v, o in zip(views, odd) if not o]
+        return data.without(dropped, [reason] * len(data)), kept
+    points = None if views is None else _clean_points(views, noise)
+    if points is not None and views is not None and any(len(a) != len(b) for a, b in zip(points, views)):
+        return data, points
+    return data, views
+
+
+def _clean_points(views: list[View], noise: NoiseEstimate) -> list[View]:
+    norms = np.linalg.norm(noise.solution.residuals("reprojection"), axis=1)
+    offsets = np.concatenate([[0], np.cumsum([len(v) for v in views])])
+    marked = mark(norms, offsets)
+    out = []
+    for i, view in enumerate(views):
+        keep = marked.keep[offsets[i] : offsets[i + 1]]
+        # A view that does not fit as a whole is judged by its pose, not point by point.
+        out.append(view if marked.drop_view[i] or keep.all() or keep.sum() < 6 else view.subset(keep))
+    return out
+
+
+def _scale(setup: Setup, joint: Joint, role: CameraRole | None) -> Measured | None:
+    """The target's scale freed, all else as fitted. None when the motions do not determine it."""
+    solution = joint.noise.solution
+    X, Z = solution.value(setup.camera_transform)[0], solution.value(setup.target_transform)[0]
+    problem = _problem(setup, joint.data, joint.views, role, X, Z, dict(solution.sigmas), free_scale=True)
+    freed = solve(problem)
+    if freed.unobservable:
+        return None
+    offset = 1.0 if joint.views is not None else 0.0
+    return Measured(float(freed.value(SCALE)[0, 0] + offset), float(np.sqrt(freed.covariance(SCALE)[0, 0])))
+
+
+def _result(
+    setup: Setup,
+    poses: RobotPoses,
+    observations: Observations | None,
+    joint: Joint,
+    seed: Seed,
+    report: MotionReport,
+    setup_answer: Check,
+    *,
+    fix: Sequence[str],
+    camera_given: bool,
+) -> CalibrationResult:
+    data, solution = joint.data, joint.noise.solution
+    role = joint.role if joint.views is not None else None
+    X, Z = solution.value(setup.camera_transform)[0], solution.value(setup.target_transform)[0]
+    A, B = _pairs(setup, data)
+    loop = loop_errors(A, B, X)
+    errors = leave_out(setup, data.T_base_gripper[data.use], B, joint.views, joint.role, solution, solution.sigmas)
+    scale = _scale(setup, joint, role)
+    methods = compare_methods(A, B)
+    methods["mean"] = mean_of_methods(A, B, methods)
+    methods["joint"] = method_result(A, B, X)
+    transforms = (
+        as_transform(setup.camera_parent, "camera", X, solution.covariance(setup.camera_transform)),
+        as_transform(setup.target_parent, "target", Z, solution.covariance(setup.target_transform)),
+    )
+    answers = (
+        *questions.motion_checks(report),
+        setup_answer,
+        questions.views_check(data),
+        questions.loop_check(seed, loop),
+        questions.held_out_check(errors.rms, loop),
+        questions.scale_check(scale),
+        questions.sigma_check(np.asarray(transforms[0].sigma_translation_mm), setup.camera_parent),
+        questions.convergence_check(solution, joint.noise.settled, joint.noise.rounds),
+    )
+    views, rms_px = _view_results(setup, joint)
+    levels = joint.noise.levels
+    result = CalibrationResult(
+        kind="hand-eye",
+        verdict=verdict_of(answers),
+        checks=answers,
+        cameras={} if role is None else {_camera_name(observations): _camera(role, solution)},
+        transforms=transforms,
+        rms_px=rms_px,
+        sigma_px=levels[PIXEL].sigma if PIXEL in levels else None,
+        sigma_robot=_robot_noise(joint),
+        views=views,
+        methods=methods,
+        target_scale=scale,
+        held_out=errors.rms,
+        options={
+            "setup": setup.name,
+            "camera": _camera_words(role, camera_given),
+            **({"fix": list(fix)} if fix else {}),
+        },
+        observations=observations,
+        robot_poses=poses,
+        T_camera_target=None if observations is not None else data.B,
+    )
+    result = stamp(result)
+    refuse_if_failed(result)
+    return result
+
+
+def _camera_name(observations: Observations | None) -> str:
+    return next(iter(observations.image_sizes)) if observations is not None else "camera"
+
+
+def _camera_words(role: CameraRole | None, given: bool) -> str:
+    if role is None:
+        return "none: target poses were given"
+    if not given:
+        return "calibrated from the same images, refined jointly"
+    return "given with its covariance, refined jointly" if role.prior is not None else "given, held"
+
+
+def _camera(role: CameraRole, solution: Solution) -> Camera:
+    covariance = (
+        None if role.prior is None and len(role.held) == len(role.camera.values) else solution.covariance("camera")
+    )
+    return Camera(role.camera.model, role.camera.image_size, solution.value("camera")[0], covariance)
+
+
+def _robot_noise(joint: Joint) -> SigmaRobot | None:
+    levels = joint.noise.levels
+    if ROBOT_ROTATION not in levels:
+        return None
+    rotation, translation = levels[ROBOT_ROTATION], levels[ROBOT_TRANSLATION]
+    return SigmaRobot(
+        1e3 * translation.sigma,
+        float(np.rad2deg(rotation.sigma)),
+        1e3 * translation.deviation if np.isfinite(translation.deviation) else None,
+        float(np.rad2deg(rotation.deviation)) if np.isfinite(rotation.deviation) else None,
+    )
+
+
+def _view_results(setup: Setup, joint: Joint) -> tuple[tuple[ViewResult, ...], float | None]:
+    """Every pose with its figures: reprojection of the joint fit for images, nothing but its use for pose pairs."""
+    data = joint.data
+    if joint.views is None:
+        return tuple(
+            ViewResult(i, bool(u), 0, reason=r, T_camera_target=B)
+            for i, u, r, B in zip(data.ids, data.use, data.reasons, data.B)
+        ), None
+    solution = joint.noise.solution
+    squares = np.sum(solution.residuals("reprojection") ** 2, axis=1)
+    offsets = np.concatenate([[0], np.cumsum([len(v) for v in joint.views])])
+    factor = solution.problem.factors[0]
+    T = factor.T_camera_target(*solution.problem.gather(0, solution.values))  # type: ignore[attr-defined]
+    place = {i: k for k, i in enumerate(np.flatnonzero(data.use).tolist())}
+    out = []
+    for i, (name, view, reason) in enumerate(zip(data.ids, data.views or (), data.reasons)):
+        k = place.get(i)
+        if k is None:
+            out.append(ViewResult(name, False, len(view), None, reason, view.camera, 0, data.B[i]))
+            continue
+        n = len(joint.views[k])
+        lost = len(view) - n
+        words = reason or (points_reason(lost, len(view), float(np.sqrt(squares.max()))) if lost else None)
+        rms = float(np.sqrt(squares[offsets[k] : offsets[k + 1]].mean()))
+        out.append(ViewResult(name, True, n, rms, words, view.camera, lost, T[k]))
+    return tuple(out), float(np.sqrt(squares.mean()))

@@ -1,0 +1,100 @@
+"""Held-out error: calibrate without a pose, then ask where that pose sees the target.
+
+Every pose is held out once, alone up to `FOLDS` poses and in as many groups beyond. The noise levels stay those of the
+full fit; the solve starts from it, so that each costs a few steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.calibrate.hand_eye.joint import CameraRole, image_problem, pose_problem
+from calibrant.calibrate.hand_eye.setup import Setup
+from calibrant.cameras import Camera
+from calibrant.data import HeldOut, View
+from calibrant.geometry import se3
+from calibrant.optimize.levenberg_marquardt import solve
+from calibrant.optimize.solution import Solution
+
+Array = NDArray[np.float64]
+
+FOLDS = 30
+
+
+@dataclass(frozen=True, eq=False)
+class PoseErrors:
+    """Held-out errors of each pose (n,): target position, mm, and rotation, deg, in its own parent frame; pixels rms."""
+
+    mm: Array
+    deg: Array
+    px: Array | None
+
+    @property
+    def rms(self) -> HeldOut:
+        """Root mean square over the poses; pixels over all points would weigh full boards more, so poses weigh alike."""
+        px = None if self.px is None else float(np.sqrt(np.mean(self.px**2)))
+        return HeldOut(float(np.sqrt(np.mean(self.mm**2))), float(np.sqrt(np.mean(self.deg**2))), px)
+
+
+def leave_out(
+    setup: Setup,
+    T_base_gripper: Array,
+    B: Array,
+    views: Sequence[View] | None,
+    role: CameraRole,
+    fit: Solution,
+    sigmas: Mapping[str, float],
+) -> PoseErrors:
+    """Held-out errors of all poses."""
+    n = len(B)
+    groups = np.arange(n) % min(n, FOLDS)
+    mm, deg, px = np.empty(n), np.empty(n), np.empty(n)
+    for fold in range(int(groups.max()) + 1):
+        out = groups == fold
+        X, Z, camera = _fit_without(setup, T_base_gripper, B, views, role, fit, sigmas, out)
+        A = setup.normal_form(T_base_gripper[out])
+        delta = se3.local(Z, A @ X @ B[out])
+        deg[out] = np.rad2deg(np.linalg.norm(delta[:, :3], axis=1))
+        mm[out] = 1e3 * np.linalg.norm(delta[:, 3:], axis=1)
+        if views is not None:
+            predicted = se3.inverse(X) @ se3.inverse(A) @ Z
+            px[out] = [_rms_px(camera, views[i], T) for i, T in zip(np.flatnonzero(out), predicted)]
+    return PoseErrors(mm, deg, px if views is not None else None)
+
+
+def _fit_without(
+    setup: Setup,
+    T_base_gripper: Array,
+    B: Array,
+    views: Sequence[View] | None,
+    role: CameraRole,
+    fit: Solution,
+    sigmas: Mapping[str, float],
+    out: NDArray[np.bool_],
+) -> tuple[Array, Array, Camera]:
+    X, Z = fit.value(setup.camera_transform)[0], fit.value(setup.target_transform)[0]
+    keep = ~out
+    if views is None:
+        problem = pose_problem(setup, T_base_gripper[keep], B[keep], X=X, Z=Z, sigmas=sigmas)
+        solution = solve(problem)
+        camera = role.camera
+    else:
+        kept = [v for v, k in zip(views, keep) if k]
+        problem = image_problem(setup, kept, T_base_gripper[keep], role, X=X, Z=Z, sigmas=sigmas)
+        start = list(problem.start)
+        start[problem.variable_index("T_base_gripper")] = fit.value("T_base_gripper")[keep]
+        start[problem.variable_index("camera")] = fit.value("camera")
+        solution = solve(problem, start=tuple(start))
+        camera = Camera(role.camera.model, role.camera.image_size, solution.value("camera")[0])
+    return solution.value(setup.camera_transform)[0], solution.value(setup.target_transform)[0], camera
+
+
+def _rms_px(camera: Camera, view: View, T_camera_target: Array) -> float:
+    """Distance between predicted and observed pixels of a view; points behind the camera count as an image's width."""
+    d = camera.project(se3.apply(T_camera_target, view.points)) - view.uv
+    d = np.where(np.isfinite(d), d, float(camera.image_size[0]))
+    return float(np.sqrt(np.mean(np.sum(d * d, axis=1))))

@@ -1,0 +1,145 @@
+"""What goes into a hand-eye calibration: poses of the robot matched with views or target poses, judged one by one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.calibrate.target_poses import target_poses
+from calibrant.cameras import Camera
+from calibrant.data import Observations, RobotPoses, View
+from calibrant.errors import InputError
+
+Array = NDArray[np.float64]
+
+WEAK_LEAVE_OUT = 5.0
+"""A view whose target pose is this many times less certain than the typical one carries 1/25 of its information."""
+WEAK_FLAG = 2.0
+"""The same for a quarter of the information: used, and said."""
+MINIMUM_POINTS = 6
+"""Fewer points than 6 leave less than half of their coordinates to check the pose with."""
+FEW_POINTS_SHARE = 0.5
+"""A view with less than half of the typical number of points is said, even where they pin its pose down well."""
+
+
+@dataclass(frozen=True, eq=False)
+class HandEyeViews:
+    """n matched poses: ids, T_base_gripper, B = T_camera_target (n, 4, 4), and for images the views behind them.
+
+    covariance (n, 6, 6): of B for unit pixel noise, zero without images.
+    certainty (n,): how many times less certain each B is than the typical one; points (n,), 0 without images.
+    use (n,): false for a view that is left out; reasons (n,): why, or what to know of it.
+    """
+
+    ids: tuple[str, ...]
+    T_base_gripper: Array
+    B: Array
+    covariance: Array
+    views: tuple[View, ...] | None
+    certainty: Array
+    rms_px: Array | None
+    use: NDArray[np.bool_]
+    reasons: tuple[str | None, ...]
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def without(self, dropped: NDArray[np.bool_], reason: list[str | None]) -> HandEyeViews:
+        """The same with more views left out, each with its reason."""
+        reasons = tuple(new if d and new else old for old, d, new in zip(self.reasons, dropped, reason))
+        return replace(self, use=self.use & ~dropped, reasons=reasons)
+
+    def seen_by(self, camera: Camera) -> HandEyeViews:
+        """The same with the target poses of the used views found again by another camera."""
+        if self.views is None:
+            return self
+        found = target_poses(camera, [v for v, use in zip(self.views, self.use) if use])
+        B, covariance = self.B.copy(), self.covariance.copy()
+        B[self.use], covariance[self.use] = found.T_camera_target, found.covariance
+        return replace(self, B=B, covariance=covariance)
+
+
+def from_target_poses(poses: RobotPoses, T_camera_target: Array) -> HandEyeViews:
+    """Pairs that were measured elsewhere. Raises: InputError when the counts differ."""
+    if len(T_camera_target) != len(poses):
+        raise InputError(
+            f"{len(poses)} robot poses but {len(T_camera_target)} target poses; every robot pose needs its target pose"
+        )
+    n = len(poses)
+    return HandEyeViews(
+        poses.ids,
+        poses.T_base_gripper,
+        T_camera_target,
+        np.zeros((n, 6, 6)),
+        None,
+        np.ones(n),
+        None,
+        np.ones(n, dtype=bool),
+        (None,) * n,
+    )
+
+
+def match_views(poses: RobotPoses, observations: Observations) -> tuple[list[int], list[int]]:
+    """Indices of the views and of the robot poses that belong together, by id.
+
+    A view without a pose is an error: its id is misspelt, or the file of poses is not of these images.
+    """
+    index = {name: i for i, name in enumerate(poses.ids)}
+    moments = [view.moment for view in observations.views]
+    lost = [m for m in moments if m not in index]
+    if lost:
+        raise InputError(
+            f"no robot pose for {len(lost)} of {len(moments)} views, the first is {lost[0]!r}; poses are called "
+            f"{', '.join(poses.ids[:4])} …; names must match, or leave these views out"
+        )
+    return list(range(len(moments))), [index[m] for m in moments]
+
+
+def from_observations(poses: RobotPoses, observations: Observations, camera: Camera, sigma_px: float) -> HandEyeViews:
+    """Views matched to poses by id, each with its target pose and how certain that is."""
+    _, matched = match_views(poses, observations)
+    views = list(observations.views)
+    enough = np.array([len(v) >= MINIMUM_POINTS for v in views])
+    if not enough.any():
+        raise InputError(f"no view has {MINIMUM_POINTS} points or more; nothing to calibrate from")
+    found = target_poses(camera, [v for v, ok in zip(views, enough) if ok])
+    n = len(views)
+    B, rms = np.tile(np.eye(4), (n, 1, 1)), np.full(n, np.nan)
+    covariance = np.zeros((n, 6, 6))
+    B[enough], rms[enough], covariance[enough] = found.T_camera_target, found.rms_px, found.covariance
+    deviations = np.sqrt(np.einsum("nii->ni", found.covariance)) * sigma_px
+    sigma_deg = np.rad2deg(np.linalg.norm(deviations[:, :3], axis=1))
+    sigma_mm = 1e3 * np.linalg.norm(deviations[:, 3:], axis=1)
+    ratios = np.maximum(sigma_deg / np.median(sigma_deg), sigma_mm / np.median(sigma_mm))
+    certainty = np.full(n, np.inf)
+    certainty[enough] = ratios
+    use = np.ones(n, dtype=bool)
+    reasons: list[str | None] = [None] * n
+    typical_points = float(np.median([len(v) for v in views]))
+    rows = np.cumsum(enough) - 1
+    for i, view in enumerate(views):
+        k = rows[i]
+        if not enough[i]:
+            use[i], reasons[i] = False, f"left out: only {len(view)} points, {MINIMUM_POINTS} are needed"
+        elif certainty[i] > WEAK_FLAG:
+            text = (
+                f"its {len(view)} points leave the target's position uncertain by {sigma_mm[k]:.2g} mm and "
+                f"{sigma_deg[k]:.2g} deg (typical {np.median(sigma_mm):.2g} mm, {np.median(sigma_deg):.2g} deg)"
+            )
+            use[i] = certainty[i] <= WEAK_LEAVE_OUT
+            reasons[i] = f"weak view: {text}" if use[i] else f"left out: {text}"
+        elif len(view) < FEW_POINTS_SHARE * typical_points:
+            reasons[i] = f"weak view: only {len(view)} points, the others have {typical_points:.0f} typically"
+    return HandEyeViews(
+        tuple(v.moment for v in views),
+        poses.T_base_gripper[matched],
+        B,
+        covariance,
+        tuple(views),
+        certainty,
+        rms,
+        use,
+        tuple(reasons),
+    )

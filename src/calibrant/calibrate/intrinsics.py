@@ -1,0 +1,376 @@
+"""Intrinsic calibration: a camera's parameters from views of a target.
+
+Closed-form start (Zhang 2000), then every parameter and every pose in one least-squares problem
+
+    min sum_ij |project(theta, T_camera_target_i p_j) - uv_ij|^2 / sigma^2,
+
+solved once on all points, judged, and solved again without what does not belong. The noise is estimated from the
+residuals, sigma^2 = sum r^2 / (2 N - unknowns), and the covariance is the inverse of the normal matrix times it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.calibrate import planar_start
+from calibrant.calibrate.camera_options import camera_manifold, expand_fix
+from calibrant.calibrate.intrinsics_checks import intrinsics_checks
+from calibrant.calibrate.outliers import Marked, mark, points_reason, view_reason
+from calibrant.calibrate.provenance import refuse_if_failed, stamp
+from calibrant.calibrate.chain import Link
+from calibrant.calibrate.reprojection import ReprojectionFactor, StackedViews, stack
+from calibrant.cameras import Camera, CameraModel, camera_model
+from calibrant.data import CalibrationResult, Observations, View, ViewResult, verdict_of
+from calibrant.errors import InputError, RefusedError
+from calibrant.optimize.factors import Factor
+from calibrant.optimize.levenberg_marquardt import solve
+from calibrant.optimize.losses import Loss, cauchy, squared
+from calibrant.optimize.manifolds import SE3, Variable
+from calibrant.optimize.problem import Problem
+from calibrant.optimize.solution import Solution
+
+Array = NDArray[np.float64]
+
+CAUCHY_SCALE_SIGMAS = 2.385
+"""95 % efficiency on Gaussian noise (Zhang 1997, "Parameter estimation techniques", table 1)."""
+SUSPICIOUS_RMS_PX = 2.0
+"""Detectors locate points to well under 1 px; a fit above this is at a wrong optimum or has a wrong model."""
+FOCAL_LENGTH_GRID = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 8.0)
+"""Focal lengths to try, in image widths, when the views do not show theirs: 90 to 7 degrees of view."""
+MINIMUM_POINTS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where the refinement starts: the camera's parameters (k,) and T_camera_target (m, 4, 4)."""
+
+    parameters: Array
+    T_camera_target: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """A calibrated camera and the views it rests on, without the points that were left out."""
+
+    result: CalibrationResult
+    views: tuple[View, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A fit and what it used: the solution, its views, and for each of them the points that were kept."""
+
+    solution: Solution
+    views: tuple[View, ...]
+    stacked: StackedViews
+
+
+def calibrate_intrinsics(
+    observations: Observations,
+    *,
+    model: str = "brown",
+    fix: Sequence[str] = (),
+    initial: Camera | None = None,
+    max_error_px: float | None = None,
+) -> CalibrationResult:
+    """Calibrate one camera from views of a planar target.
+
+    fix: parameters (or aspect, tangential, focal, principal) held at `initial`, or at their neutral values.
+    initial: start values; its model may differ, terms it lacks start at 0. max_error_px: points above it are left out
+    and the rest is calibrated again.
+    Returns a CalibrationResult of kind "intrinsics". Raises: InputError for unusable input; RefusedError when the
+    views cannot determine the camera, naming what is missing.
+    """
+    return calibrate_keeping(observations, model=model, fix=fix, initial=initial, max_error_px=max_error_px).result
+
+
+def calibrate_keeping(
+    observations: Observations,
+    *,
+    model: str = "brown",
+    fix: Sequence[str] = (),
+    initial: Camera | None = None,
+    max_error_px: float | None = None,
+) -> Kept:
+    """`calibrate_intrinsics` for problems that go on with the same views: the result, and the points it kept."""
+    kind = camera_model(model)
+    expand_fix(fix, kind)
+    if len(observations.image_sizes) != 1:
+        raise InputError(
+            f"intrinsic calibration takes one camera, the observations have {len(observations.image_sizes)}: "
+            f"{', '.join(observations.image_sizes)}; choose one with observations.of_camera(name)"
+        )
+    ((camera_name, image_size),) = observations.image_sizes.items()
+    views, too_small = _usable(observations.views)
+    if not views:
+        found = f"{len(observations.missed)} images without a board" if observations.missed else "no views were given"
+        raise InputError(f"there is no view with {MINIMUM_POINTS} points or more to calibrate from ({found})")
+    stacked = stack(views)
+    start = find_start(stacked, kind, image_size, initial=initial, fix=fix)
+    fit, marked = _fit_and_clean(views, stacked, start, kind, fix, max_error_px)
+    return Kept(
+        _result(observations, camera_name, image_size, kind, fix, fit, marked, too_small, max_error_px, initial),
+        fit.views,
+    )
+
+
+def _usable(views: Sequence[View]) -> tuple[tuple[View, ...], dict[str, str]]:
+    """Views that determine a homography, and the reasons for the others."""
+    reasons: dict[str, str] = {}
+    enough = [v for v in views if len(v) >= MINIMUM_POINTS]
+    for v in views:
+        if len(v) < MINIMUM_POINTS:
+            reasons[v.id] = f"left out: {len(v)} points, a pose needs {MINIMUM_POINTS}"
+    if not enough:
+        return (), reasons
+    stacked = stack(enough)
+    _, good = planar_start.homographies(planar_start.in_plane(stacked.points).xy, stacked.uv, stacked.offsets)
+    for v, ok in zip(enough, good):
+        if not ok:
+            reasons[v.id] = f"left out: its {len(v)} points lie on a line, which determines no pose"
+    return tuple(v for v, ok in zip(enough, good) if ok), reasons
+
+
+def find_start(
+    views: StackedViews,
+    kind: CameraModel,
+    image_size: tuple[int, int],
+    *,
+    initial: Camera | None,
+    fix: Sequence[str],
+) -> Start:
+    """Closed-form start: from `initial` when given, else Zhang's, else the best of a grid of focal lengths."""
+    planar = planar_start.in_plane(views.points)
+    if initial is not None:
+        parameters = _transfer(initial, kind)
+        normalised = _normalised(kind, parameters, views.uv)
+        T, _ = planar_start.start_poses(planar.xy, normalised, views.offsets)
+        return Start(parameters, T @ planar.T_plane_target)
+    held, _ = expand_fix(fix, kind)
+    if {"fx", "fy"} & set(held):
+        raise InputError("to fix the focal length, give its value: --initial camera.json (initial=… in Python)")
+    centre = (np.array(image_size, dtype=np.float64) - 1) / 2
+    H, _ = planar_start.homographies(planar.xy, views.uv, views.offsets)
+    focal = planar_start.focal_lengths(H, centre)
+    if focal is not None:
+        return _start_at(kind, H, focal, centre, planar.T_plane_target)
+    return _best_of_grid(views, kind, image_size, H, centre, planar.T_plane_target, fix)
+
+
+def _best_of_grid(
+    views: StackedViews,
+    kind: CameraModel,
+    image_size: tuple[int, int],
+    H: Array,
+    centre: Array,
+    T_plane_target: Array,
+    fix: Sequence[str],
+) -> Start:
+    """The start with the lowest cost after refinement, over a grid of focal lengths."""
+    best: tuple[float, Start] | None = None
+    for widths in FOCAL_LENGTH_GRID:
+        f = widths * max(image_size)
+        start = _start_at(kind, H, (f, f), centre, T_plane_target)
+        cost = refine(views, kind, start, fix=fix).cost
+        if best is None or cost < best[0]:
+            best = (cost, start)
+    if best is None:
+        raise RefusedError("no focal length gives a start; the views do not fit a perspective camera")
+    return best[1]
+
+
+def _start_at(kind: CameraModel, H: Array, focal: tuple[float, float], centre: Array, T_plane_target: Array) -> Start:
+    parameters = np.zeros(len(kind.parameter_names))
+    for name, value in (("fx", focal[0]), ("fy", focal[1]), ("cx", centre[0]), ("cy", centre[1])):
+        parameters[kind.index(name)] = value
+    K = np.array([[focal[0], 0, centre[0]], [0, focal[1], centre[1]], [0, 0, 1.0]])
+    return Start(parameters, planar_start.poses(H, K) @ T_plane_target)
+
+
+def _transfer(initial: Camera, kind: CameraModel) -> Array:
+    values = initial.parameters
+    return np.array([values.get(name, 0.0) for name in kind.parameter_names])
+
+
+def _normalised(kind: CameraModel, parameters: Array, uv: Array) -> Array:
+    rays = kind.unproject(parameters, uv)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        xy = rays[:, :2] / rays[:, 2:]
+    if not np.all(np.isfinite(xy)):
+        bad = uv[~np.isfinite(xy).all(axis=1)][0]
+        raise InputError(
+            f"the initial camera has no ray for the observed pixel ({bad[0]:.1f}, {bad[1]:.1f}); "
+            "its distortion does not reach that far: is it a camera of this image size?"
+        )
+    return xy
+
+
+def refine(
+    views: StackedViews,
+    kind: CameraModel,
+    start: Start,
+    *,
+    fix: Sequence[str],
+    loss: Loss | None = None,
+    sigma: float = 1.0,
+) -> Solution:
+    """Minimise the reprojection error over the camera's free parameters and all poses."""
+    m = len(views.offsets) - 1
+    factor = ReprojectionFactor(
+        "reprojection",
+        model=kind,
+        camera="camera",
+        chain=[Link("T_camera_target", np.arange(m))],
+        views=views,
+        loss=loss or squared(),
+    )
+    variables = (
+        Variable("T_camera_target", SE3(), start.T_camera_target),
+        Variable("camera", camera_manifold(kind, fix, start.parameters), start.parameters[None]),
+    )
+    return solve(Problem(variables, (factor,), {"pixel": sigma}))
+
+
+def _end(solution: Solution, keep: NDArray[np.bool_] | None = None) -> Start:
+    T = solution.value("T_camera_target")
+    return Start(solution.value("camera")[0], T if keep is None else T[keep])
+
+
+def _fit_and_clean(
+    views: tuple[View, ...],
+    stacked: StackedViews,
+    start: Start,
+    kind: CameraModel,
+    fix: Sequence[str],
+    max_error_px: float | None,
+) -> tuple[Fit, Marked]:
+    """Fit all points; where some do not belong, find them by a robust fit, leave them out and fit the rest."""
+    solution = refine(stacked, kind, start, fix=fix)
+    norms = np.linalg.norm(solution.residuals("reprojection"), axis=1)
+    marked = mark(norms, stacked.offsets, max_error_px=max_error_px)
+    if marked.keep.all():
+        return Fit(solution, views, stacked), marked
+    # Gross errors bend a plain fit towards themselves: let a robust one say who is wrong.
+    robust = refine(stacked, kind, start, fix=fix, loss=cauchy(CAUCHY_SCALE_SIGMAS), sigma=max(marked.sigma_px, 1e-6))
+    norms = np.linalg.norm(robust.residuals("reprojection"), axis=1)
+    marked = mark(norms, stacked.offsets, max_error_px=max_error_px)
+    if max_error_px is not None and not marked.keep.any():
+        raise RefusedError(
+            f"every point is above the limit of {max_error_px:g} px: the median residual is {np.median(norms):.2g} px. "
+            "Raise --max-error, or check the target and the model"
+        )
+    kept = _keep(views, marked, stacked)
+    clean = stack([v for v in kept if v is not None])
+    used = np.array([v is not None for v in kept])
+    solution = refine(clean, kind, _end(robust, used), fix=fix)
+    return Fit(solution, tuple(v for v in kept if v is not None), clean), marked
+
+
+def _keep(views: Sequence[View], marked: Marked, stacked: StackedViews) -> list[View | None]:
+    """Each view with its kept points; None where too few are left or the whole view goes."""
+    kept: list[View | None] = []
+    for i, view in enumerate(views):
+        keep = marked.keep[stacked.offsets[i] : stacked.offsets[i + 1]]
+        if marked.drop_view[i] or keep.sum() < MINIMUM_POINTS:
+            kept.append(None)
+        else:
+            kept.append(view if keep.all() else view.subset(keep))
+    if not any(v is not None for v in kept):
+        raise RefusedError("no view fits the others: the boards are misread, or the target's size or kind is wrong")
+    return kept
+
+
+def _result(
+    observations: Observations,
+    camera_name: str,
+    image_size: tuple[int, int],
+    kind: CameraModel,
+    fix: Sequence[str],
+    fit: Fit,
+    marked: Marked,
+    too_small: dict[str, str],
+    max_error_px: float | None,
+    initial: Camera | None,
+) -> CalibrationResult:
+    solution = fit.solution
+    residuals = solution.residuals("reprojection")
+    squares = np.sum(residuals**2, axis=1)
+    weighted = squares / fit.stacked.sigma**2
+    unknowns = solution.problem.free_count
+    freedom = 2 * len(squares) - unknowns
+    if freedom <= 0:
+        raise RefusedError(
+            f"{len(squares)} points cannot determine {unknowns} unknowns ({len(fit.views)} views); take more views, "
+            "or fix parameters"
+        )
+    if solution.unobservable:
+        raise RefusedError(
+            "the views cannot determine the camera: "
+            + "; ".join(u.message for u in solution.unobservable[:3])
+            + ". Tilt the board 20 to 45 degrees in different directions, or fix these parameters"
+        )
+    sigma_px = float(np.sqrt(weighted.sum() / freedom))
+    covariance = solution.covariance("camera") * sigma_px**2
+    camera = Camera(kind, image_size, solution.value("camera")[0], covariance)
+    rms_px = float(np.sqrt(squares.mean()))
+    view_results = _view_results(observations.views, fit, marked, too_small, squares)
+    checks = intrinsics_checks(camera, solution, view_results, rms_px, marked)
+    result = stamp(
+        CalibrationResult(
+            kind="intrinsics",
+            verdict=verdict_of(checks),
+            checks=checks,
+            cameras={camera_name: camera},
+            rms_px=rms_px,
+            sigma_px=sigma_px,
+            views=view_results,
+            options=_options(kind, fix, max_error_px, initial),
+            observations=observations,
+        )
+    )
+    refuse_if_failed(result)
+    return result
+
+
+def _options(
+    kind: CameraModel, fix: Sequence[str], max_error_px: float | None, initial: Camera | None
+) -> dict[str, object]:
+    options: dict[str, object] = {"model": kind.name}
+    if fix:
+        options["fix"] = list(fix)
+    if max_error_px is not None:
+        options["max_error_px"] = max_error_px
+    if initial is not None:
+        options["initial"] = initial.parameters
+    return options
+
+
+def _view_results(
+    all_views: Sequence[View],
+    fit: Fit,
+    marked: Marked,
+    too_small: dict[str, str],
+    squares: Array,
+) -> tuple[ViewResult, ...]:
+    sums = np.sqrt(np.add.reduceat(squares, fit.stacked.offsets[:-1]) / np.diff(fit.stacked.offsets))
+    T = fit.solution.value("T_camera_target")
+    place = {v.id: i for i, v in enumerate(fit.views)}
+    typical = float(np.median(sums))
+    out = []
+    for view in all_views:
+        camera = view.camera
+        if view.id in too_small:
+            out.append(ViewResult(view.id, False, len(view), reason=too_small[view.id], camera=camera))
+        elif view.id in place:
+            i = place[view.id]
+            n = len(fit.views[i])
+            lost = len(view) - n
+            reason = points_reason(lost, len(view), marked.limit_px) if lost else None
+            out.append(ViewResult(view.id, True, n, float(sums[i]), reason, camera, lost, T[i]))
+        else:
+            out.append(ViewResult(view.id, False, len(view), None, view_reason(len(view), typical), camera))
+    return tuple(out)

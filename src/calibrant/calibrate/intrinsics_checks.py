@@ -1,0 +1,86 @@
+"""Checks of an intrinsic calibration that its own figures answer: is the camera determined, do the views agree?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibrant.calibrate.outliers import Marked
+from calibrant.cameras import Camera
+from calibrant.data import Check, ViewResult
+from calibrant.optimize.solution import Solution
+
+FEW_VIEWS = 10
+"""Below this the residuals say little about whether the model fits: the poses absorb too much of them."""
+FOCAL_WARN, FOCAL_FAIL = 0.01, 0.10
+"""Relative 1 sigma of the focal length: distances are off by as much. 1 % is 10 mm at 1 m; 10 % is no calibration."""
+OUTLIER_WARN = 0.02
+VIEW_WARN_RATIO = 3.0
+"""A view whose rms is 3 times the typical one lies beyond the spread of chi for 10 points and more."""
+
+
+def intrinsics_checks(
+    camera: Camera, solution: Solution, views: Sequence[ViewResult], rms_px: float, marked: Marked
+) -> tuple[Check, ...]:
+    """All checks, in the order a person would ask."""
+    return (
+        _convergence(solution),
+        _views(views),
+        _focal_length(camera),
+        _outliers(views, marked),
+        _agreement(views),
+    )
+
+
+def _convergence(solution: Solution) -> Check:
+    message = f"{solution.message} ({solution.iterations} steps)"
+    return Check("convergence", "ok" if solution.converged else "fail", message, float(solution.iterations))
+
+
+def _views(views: Sequence[ViewResult]) -> Check:
+    used = sum(v.used for v in views)
+    text = f"{used} of {len(views)} views used"
+    if used < FEW_VIEWS:
+        return Check(
+            "views", "warn", f"{text}; {FEW_VIEWS} or more, tilted in different directions, make it reliable", used
+        )
+    return Check("views", "ok", text, used)
+
+
+def _focal_length(camera: Camera) -> Check:
+    sigma, values = camera.sigma, camera.parameters
+    relative = max(sigma[n] / values[n] for n in ("fx", "fy"))
+    text = f"the focal length is known to {100 * relative:.2g} % (1 sigma)"
+    if relative > FOCAL_FAIL:
+        return Check(
+            "focal-length", "fail", f"{text}: the views do not determine it; tilt the board 20 to 45 degrees", relative
+        )
+    if relative > FOCAL_WARN:
+        return Check(
+            "focal-length", "warn", f"{text}; more views with the board tilted would make it sharper", relative
+        )
+    return Check("focal-length", "ok", text, relative)
+
+
+def _outliers(views: Sequence[ViewResult], marked: Marked) -> Check:
+    points = sum(v.points + v.points_left_out for v in views)
+    lost = sum(v.points_left_out for v in views) + sum(v.points for v in views if not v.used)
+    share = lost / points
+    if lost == 0:
+        return Check("outliers", "ok", "no point had to be left out", 0.0)
+    text = f"{lost} of {points} points left out (limit {marked.limit_px:.2g} px)"
+    if share > OUTLIER_WARN:
+        return Check(
+            "outliers", "warn", f"{text}; look at the views named below: blur, glare or a misread board", share
+        )
+    return Check("outliers", "ok", text, share)
+
+
+def _agreement(views: Sequence[ViewResult]) -> Check:
+    rms = np.array([v.rms_px for v in views if v.used and v.rms_px is not None])
+    typical = float(np.median(rms))
+    worst = max((v for v in views if v.used and v.rms_px is not None), key=lambda v: v.rms_px or 0.0)
+    ratio = float(rms.max() / typical) if typical > 1e-9 else 1.0
+    text = f"the worst view, {worst.id}, has {rms.max():.2g} px rms; the typical one {typical:.2g} px"
+    return Check("view-agreement", "warn" if ratio > VIEW_WARN_RATIO else "ok", text, ratio)

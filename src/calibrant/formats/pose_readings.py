@@ -229,10 +229,8 @@ def _three_numbers(raw: RawPoses, asked: PoseOptions, dropped: list[str]) -> Ite
             words: tuple[str, ...] = (f"the columns are named as {stated.rotation}",) if other else ()
             R = rotations.matrix_from_rotation_vector(numbers, unit="deg" if unit == "deg" else "rad")
             yield _Turn("rotvec", unit, R, (*words, *angle_words))
-        for notation, sequence, by_names in _euler_products(stated.axes):
-            if asked.rotation not in ("auto", notation):
-                continue
-            words = _against_names(notation, sequence, stated.rotation, stated.axes, asked)
+        for notation, sequence, by_names in _euler_products(stated.axes, asked.rotation, stated.rotation):
+            words = _against_names(sequence, stated.rotation, stated.axes, asked)
             order = "".join(axis for axis, _ in sequence).upper()
             columns = [column for _, column in sequence]
             R = rotations.matrix_from_euler(numbers[:, columns], order=order, unit="deg" if unit == "deg" else "rad")
@@ -243,38 +241,40 @@ Product = tuple[tuple[str, int], ...]
 """A product of rotations from the left: (axis, column of its angle)."""
 
 
-def _euler_products(axes: str | None) -> Iterator[tuple[str, Product, bool]]:
-    """Every Euler notation of three columns: the angles in the columns' order, and by the axes the columns name."""
-    seen: set[tuple[str, Product]] = set()
-    if axes is not None:
-        for order in rotations.EULER_ORDERS:
-            if len(set(order)) == 3:
-                letters = order.lower() if order.isupper() else order[::-1]
-                product = tuple((axis, axes.index(axis)) for axis in letters)
-                seen.add((f"euler:{order}", product))
+def _euler_products(axes: str | None, asked: str, stated: str | None) -> Iterator[tuple[str, Product, bool]]:
+    """The Euler notations asked for ("auto": all): angles by the axes the columns name, and in the columns' order.
+
+    "ZYX" and "xyz" of named angles are one product: it comes once, as the file states it where it does.
+    """
+    seen: set[Product] = set()
+    orders = [o for o in rotations.EULER_ORDERS if asked in ("auto", f"euler:{o}")]
+    orders.sort(key=lambda o: f"euler:{o}" != stated)
+    for order in orders if axes is not None else []:
+        if len(set(order.lower())) == 3:
+            letters = order.lower() if order.isupper() else order[::-1]
+            product = tuple((axis, str(axes).index(axis)) for axis in letters)
+            if product not in seen:
                 yield f"euler:{order}", product, True
-    for order in rotations.EULER_ORDERS:
-        pairs = list(zip(order.lower(), range(3)))
-        product = tuple(pairs if order.isupper() else pairs[::-1])
-        if (f"euler:{order}", product) not in seen:
+            seen.add(product)
+    for order in orders:
+        product = _in_column_order(order)
+        if product not in seen:
             yield f"euler:{order}", product, False
 
 
-def _against_names(
-    notation: str, product: Product, stated: str | None, axes: str | None, asked: PoseOptions
-) -> tuple[str, ...]:
+def _in_column_order(order: str) -> Product:
+    pairs = tuple(zip(order.lower(), range(3)))
+    return pairs if order.isupper() else pairs[::-1]
+
+
+def _against_names(product: Product, stated: str | None, axes: str | None, asked: PoseOptions) -> tuple[str, ...]:
     """What an Euler notation contradicts in the names of the columns."""
     if axes is not None and any(axes[column] != axis for axis, column in product):
         return (f"the columns are named after the axes {', '.join(axes)}",)
-    if stated is not None and asked.rotation == "auto":
-        wanted = None
-        if stated.startswith("euler:"):
-            order = stated.removeprefix("euler:")
-            pairs = list(zip(order.lower(), range(3)))
-            wanted = tuple(pairs if order.isupper() else pairs[::-1])
-        if product != wanted:
-            return (f"the columns are named as {stated}",)
-    return ()
+    if stated is None or asked.rotation != "auto":
+        return ()
+    agrees = stated.startswith("euler:") and product == _in_column_order(stated.removeprefix("euler:"))
+    return () if agrees else (f"the columns are named as {stated}",)
 
 
 def _euler_words(notation: str, by_axis_names: bool) -> str:

@@ -42,8 +42,8 @@ class Look:
     clutter: number of sharp shapes behind the board, 0 for a plain middle grey.
     """
 
-    blur_px: float = 0.7
-    noise_grey: float = 2.0
+    blur_px: float = 0.8
+    noise_grey: float = 4.0
     paper_grey: float = 235.0
     ink_grey: float = 25.0
     uneven_light: float = 0.25

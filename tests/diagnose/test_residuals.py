@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from calibrant.cameras import Camera
-from calibrant.data import CalibrationResult, Observations, RobotPoses, View, ViewResult, as_transform
+from calibrant.data import CalibrationResult, Observations, ViewResult
 from calibrant.diagnose.residuals import (
     ViewResiduals,
     fitted_poses,
-    refit_pose,
-    robot_poses_of_target,
+    seen_poses,
     structure_check,
     view_residuals,
 )
@@ -62,51 +63,28 @@ def test_a_result_without_observations_is_an_input_error() -> None:
         view_residuals(CalibrationResult("intrinsics", "ok"), {})
 
 
-@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
-def test_the_robot_chain_predicts_the_target(setup: str) -> None:
-    B = _poses(5)
-    X = se3.make(so3.exp([0.4, -1.0, 0.3]), [0.1, 0.2, -0.3])
-    Z = se3.make(so3.exp([-2.0, 0.3, 0.5]), [0.5, -0.1, 0.2])
-    A = Z @ se3.inverse(X @ B)  # A X B = Z
-    frames = (
-        (("gripper", "camera"), ("base", "target"))
-        if setup == "eye-in-hand"
-        else (("base", "camera"), ("gripper", "target"))
-    )
-    T_base_gripper = A if setup == "eye-in-hand" else se3.inverse(A)
-    observations = _observations(B)
-    result = CalibrationResult(
-        "hand-eye",
-        "ok",
-        cameras={"camera": CAMERA},
-        transforms=(as_transform(*frames[0], X), as_transform(*frames[1], Z)),
-        observations=observations,
-        robot_poses=RobotPoses.from_matrices(T_base_gripper),
-    )
-    predicted = robot_poses_of_target(result)
-    np.testing.assert_allclose(np.stack([predicted[str(i)] for i in range(5)]), B, atol=1e-12)
-    views = view_residuals(result, fitted_poses(result))
-    assert max(v.rms_px for v in views) < 1e-8  # exact data: rounding of pixels around 1e3
+def test_what_the_camera_sees_does_not_lean_on_stated_poses() -> None:
+    T = _poses(3)
+    result = _intrinsics(se3.retract(T, [0, 0, 0, 0, 0, 0.01]), _observations(T))
+    seen = seen_poses(result)
+    np.testing.assert_allclose([seen["camera", str(i)] for i in range(3)], T, atol=1e-7)
+    assert seen_poses(replace(result, cameras={})) == {}
 
 
-def test_robot_poses_need_both_transforms() -> None:
-    poses = RobotPoses.from_matrices(_poses(3))
-    one = (as_transform("base", "camera", np.eye(4)),)
-    assert robot_poses_of_target(CalibrationResult("hand-eye", "ok", transforms=one, robot_poses=poses)) == {}
-    assert robot_poses_of_target(CalibrationResult("hand-eye", "ok", transforms=one)) == {}
+def test_a_view_without_a_stated_pose_is_fitted() -> None:
+    T = _poses(3)
+    result = _intrinsics(T, _observations(T))
+    views = (replace(result.views[0], T_camera_target=None), *result.views[1:])
+    np.testing.assert_allclose(fitted_poses(replace(result, views=views))["camera", "0"], T[0], atol=1e-7)
 
 
-def test_refit_finds_the_pose_from_a_rough_start() -> None:
-    T = _poses(1)[0]
-    view = _observations(T[None]).views[0]
-    found = refit_pose(CAMERA, view, se3.retract(T, [0.05, -0.04, 0.1, 0.02, -0.01, 0.05]))
-    np.testing.assert_allclose(found, T, atol=1e-9)
-
-
-def test_refit_keeps_a_start_behind_the_camera() -> None:
-    T = _poses(1)[0]
-    behind = se3.retract(T, [0, 0, 0, 0, 0, -5])
-    np.testing.assert_array_equal(refit_pose(CAMERA, _observations(T[None]).views[0], behind), behind)
+def test_a_view_that_determines_no_pose_is_absent() -> None:
+    T = _poses(2)
+    seen = _observations(T)
+    few = seen.views[0].subset(np.arange(54) < 3)
+    observations = Observations((few, seen.views[1]), seen.image_sizes)
+    result = CalibrationResult("intrinsics", "ok", cameras={"camera": CAMERA}, observations=observations)
+    assert list(fitted_poses(result)) == [("camera", "1")]
 
 
 def _random_views(seed: int, *, count: int = 15) -> tuple[ViewResiduals, ...]:
@@ -135,19 +113,21 @@ def test_pure_noise_is_called_random() -> None:
 def test_missing_distortion_shows_in_the_map() -> None:
     views = _random_views(1)
     centre = np.array([640, 512])
-    extra = [0.4 * (v.uv - centre) / 640 * np.sum(((v.uv - centre) / 640) ** 2, -1, keepdims=True) for v in views]
+    extra = [0.8 * (v.uv - centre) / 640 * np.sum(((v.uv - centre) / 640) ** 2, -1, keepdims=True) for v in views]
     check = structure_check(_with(views, extra), image_size=SIZE)
     assert check.status == "warn"
     assert "camera model is too simple" in check.message
-    # Share of variance put in: the mean square of the extra over the total.
+    # The share of variance put in bounds what cells can show: a mean blurs the field inside its cell.
     put_in = float(np.mean(np.concatenate(extra) ** 2))
-    assert check.value == pytest.approx(put_in / (put_in + 0.04), rel=0.35)  # cells blur the field
+    expected = put_in / (put_in + 0.04)
+    assert check.value is not None
+    assert 0.5 * expected < check.value < 1.1 * expected
 
 
 def test_a_bent_board_shows_between_neighbours() -> None:
     views, rng = _random_views(2), np.random.default_rng(9)
     bump = np.sin(np.linspace(0, np.pi, 9))[None, :] * np.ones((6, 1))
-    extra = [0.3 * (bump.ravel()[:, None] - 0.6) * rng.choice([-1, 1]) * [[1.0, rng.normal()]] for _ in views]
+    extra = [0.6 * (bump.ravel()[:, None] - 0.6) * rng.choice([-1, 1]) * [[1.0, rng.normal()]] for _ in views]
     check = structure_check(_with(views, extra), image_size=SIZE)
     assert check.status == "warn"
     assert "neighbouring points err alike" in check.message
@@ -170,19 +150,3 @@ def test_few_points_are_said_to_be_too_few() -> None:
     empty = ViewResiduals("0", "camera", True, np.zeros((0, 2)), np.zeros((0, 2)), np.eye(4))
     assert structure_check((empty,), image_size=SIZE).status == "ok"
     assert np.isnan(empty.rms_px)
-
-
-def test_a_view_of_another_moment_is_matched_by_its_moment() -> None:
-    B = _poses(1)
-    X, Z = np.eye(4), np.eye(4)
-    seen = _observations(B).views[0]
-    view = View("left.png", seen.points, seen.uv, seen.point_ids, moment="pose-7")
-    result = CalibrationResult(
-        "hand-eye",
-        "ok",
-        cameras={"camera": CAMERA},
-        transforms=(as_transform("gripper", "camera", X), as_transform("base", "target", Z)),
-        observations=Observations((view,), {"camera": SIZE}),
-        robot_poses=RobotPoses.from_matrices(se3.inverse(B), ids=["pose-7"]),
-    )
-    np.testing.assert_allclose(fitted_poses(result)["camera", "left.png"], B[0], atol=1e-9)

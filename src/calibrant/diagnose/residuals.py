@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 from scipy.special import gammaincc
 
 from calibrant.cameras import Camera
-from calibrant.data import CalibrationResult, Check, RobotPoses, TransformEstimate, View, ViewResult
+from calibrant.data import CalibrationResult, Check, View, ViewResult
 from calibrant.errors import InputError
 from calibrant.geometry import se3
 
@@ -36,9 +36,8 @@ _OUTLIER_SIGMAS = 5.0
 """Gaussian noise passes it once in two million: what lies beyond is a fault of its own, reported elsewhere."""
 _SIGNIFICANCE = 1e-4
 """One false alarm in ten thousand calibrations."""
-_LEAST_SHARE = 0.1
-"""Structure that explains less of the variance changes the noise estimate by under 5 % and is left alone."""
-_PNP_STEPS = 20
+_LEAST_SHARE = 0.2
+"""Structure that explains less of the variance changes the noise estimate, and every sigma, by under a tenth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,69 +66,31 @@ def camera_of(result: CalibrationResult, view: ViewResult) -> str:
     return next(iter(names)) if len(names) == 1 else ""
 
 
-def hand_eye_pair(result: CalibrationResult) -> tuple[TransformEstimate, TransformEstimate] | None:
-    """X and Z of A X B = Z: gripper -> camera and base -> target, or base -> camera and gripper -> target, or None."""
-    for X in result.transforms:
-        other = {"gripper": "base", "base": "gripper"}.get(X.parent)
-        for Z in result.transforms:
-            if X.child in ("camera", *result.cameras) and (Z.parent, Z.child) == (other, "target"):
-                return X, Z
-    return None
-
-
 def fitted_poses(result: CalibrationResult) -> dict[tuple[str, str], Array]:
-    """T_camera_target of each view by (camera, id): as the result states it, else refitted to the view's points.
+    """T_camera_target of each view by (camera, id): as the result states it, else fitted to the view's points.
 
-    The refit starts at the pose the robot predicts (see `robot_poses_of_target`); views without either are absent.
+    Views that were left out are fitted too, so that a person can see why; those that determine no pose are absent.
     """
     stated = {(camera_of(result, v), v.id): v.T_camera_target for v in result.views}
-    predicted = robot_poses_of_target(result)
     poses: dict[tuple[str, str], Array] = {}
     for view in result.observations.views if result.observations else ():
         key = (view.camera, view.id)
         pose = stated.get(key)
-        start = predicted.get(view.moment, predicted.get(view.id))
-        if pose is None and start is not None and view.camera in result.cameras:
-            pose = refit_pose(result.cameras[view.camera], view, start)
+        if pose is None and view.camera in result.cameras:
+            pose = _fitted(result.cameras[view.camera], view)
         if pose is not None:
             poses[key] = pose
     return poses
 
 
-def robot_poses_of_target(result: CalibrationResult) -> dict[str, Array]:
-    """T_camera_target by robot pose, as robot and hand-eye transforms predict it: B_i = (A_i X)^-1 Z.
+def seen_poses(result: CalibrationResult) -> dict[tuple[str, str], Array]:
+    """T_camera_target by (camera, view id) from each view's points alone, the camera held: no robot has a say in it.
 
-    A_i = T_base_gripper, X = T_gripper_camera, Z = T_base_target for a camera in the hand; A_i = T_gripper_base,
-    X = T_base_camera, Z = T_gripper_target for a camera that stands. Empty for results without robot poses.
+    Views of a camera that is not calibrated, or that determine no pose, are absent.
     """
-    if result.robot_poses is None:
-        return {}
-    found = hand_eye_pair(result)
-    if found is None:
-        return {}
-    X, Z = found
-    A = _chain_poses(result.robot_poses, X)
-    return dict(zip(result.robot_poses.ids, se3.inverse(A @ X.matrix) @ Z.matrix, strict=True))
-
-
-def refit_pose(camera: Camera, view: View, T_start: Array) -> Array:
-    """T_camera_target that fits the view's points best, by Gauss-Newton from T_start; the best pose on the way."""
-    T, best, T_best = T_start, np.inf, T_start
-    for _ in range(_PNP_STEPS):
-        p = se3.apply(T, view.points)
-        uv, J_point, _ = camera.model.project_with_jacobians(camera.values, p)
-        r = uv - view.uv
-        error = float(np.sum(r * r))
-        if not error < best:  # no better, or a point behind the camera made it NaN
-            break
-        converged = best - error < 1e-12 * error
-        best, T_best = error, T
-        if converged:
-            break
-        q = p - T[:3, 3]  # retract turns about the target's origin, d p = omega x q, so J_omega = q x J_point
-        J = np.concatenate([np.cross(q[:, None, :], J_point), J_point], axis=-1).reshape(-1, 6)
-        T = se3.retract(T, np.linalg.lstsq(J, -r.reshape(-1), rcond=None)[0])
-    return T_best
+    views = result.observations.views if result.observations else ()
+    poses = {(v.camera, v.id): _fitted(result.cameras[v.camera], v) for v in views if v.camera in result.cameras}
+    return {key: pose for key, pose in poses.items() if pose is not None}
 
 
 def view_residuals(result: CalibrationResult, poses: Mapping[tuple[str, str], Array]) -> tuple[ViewResiduals, ...]:
@@ -184,8 +145,13 @@ def structure_check(views: tuple[ViewResiduals, ...], *, image_size: tuple[int, 
     return Check("residual-structure", "ok", message, max(share, neighbour, 0.0))
 
 
-def _chain_poses(poses: RobotPoses, X: TransformEstimate) -> Array:
-    return poses.T_base_gripper if X.parent == "gripper" else se3.inverse(poses.T_base_gripper)
+def _fitted(camera: Camera, view: View) -> Array | None:
+    from calibrant.calibrate.target_poses import target_poses  # compiled code: only where a pose is missing
+
+    try:
+        return target_poses(camera, [view]).T_camera_target[0]
+    except InputError:  # too few points, or outside the camera's field: this view has no pose to show
+        return None
 
 
 def _rms(residuals: Array) -> float:

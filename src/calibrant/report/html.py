@@ -82,7 +82,7 @@ def render_report(result: CalibrationResult, *, images: Mapping[str, Path]) -> s
     environment.globals.update(plain=plain, sigma_text=sigma_text, marks=_MARKS, status_words=STATUS_WORDS)
     poses = fitted_poses(result)
     residuals = view_residuals(result, poses) if result.observations is not None else ()
-    loop = loop_views(result, poses)
+    loop = loop_views(result)
     pages = page_views(result, residuals, loop, images=images)
     world = scene(result, poses, loop)
     data = {"views": pages.views, "pictures": pages.pictures, "rms": result.rms_px, "scene": world}

@@ -7,18 +7,17 @@ All stand in the base frame: the pairs lie on each other when all is well (docum
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.data import CalibrationResult
-from calibrant.diagnose.residuals import hand_eye_pair
+from calibrant.data import CalibrationResult, TransformEstimate
+from calibrant.diagnose.residuals import seen_poses
 from calibrant.geometry import se3
 
 Array = NDArray[np.float64]
-ViewKey = tuple[str, str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,17 +36,17 @@ class LoopView:
     deg: float | None = None
 
 
-def loop_views(result: CalibrationResult, poses: Mapping[ViewKey, Array]) -> tuple[LoopView, ...]:
+def loop_views(result: CalibrationResult) -> tuple[LoopView, ...]:
     """The loop of every robot pose in order; empty for results without robot poses or hand-eye transforms.
 
-    Args: poses, T_camera_target by (camera, view id), of `fitted_poses`.
+    The camera's pose of the target comes from its picture alone: a joint fit's would already lean on the robot.
     """
     pair = hand_eye_pair(result)
     if pair is None or result.robot_poses is None:
         return ()
     T_x_camera, T_x_target = pair
     in_hand = T_x_camera.parent == "gripper"
-    seen = _seen_by_pose(result, poses)
+    seen = _seen_by_pose(result)
     centre = target_centre(result)
     views = []
     for name, T_base_gripper in zip(result.robot_poses.ids, result.robot_poses.T_base_gripper, strict=True):
@@ -62,6 +61,27 @@ def loop_views(result: CalibrationResult, poses: Mapping[ViewKey, Array]) -> tup
         deg = float(np.rad2deg(np.linalg.norm(se3.local(by_robot, by_camera)[:3])))
         views.append(LoopView(name, T_base_gripper, T_base_camera, by_robot, by_camera, mm, deg))
     return tuple(views)
+
+
+def by_view(result: CalibrationResult, loop: Sequence[LoopView]) -> dict[str, LoopView]:
+    """The loop by view id: a view belongs to the robot pose of its moment, a pose without views to itself."""
+    poses = {step.id: step for step in loop}
+    views = {
+        view.id: poses[view.moment]
+        for view in (result.observations.views if result.observations else ())
+        if view.moment in poses
+    }
+    return poses | views
+
+
+def hand_eye_pair(result: CalibrationResult) -> tuple[TransformEstimate, TransformEstimate] | None:
+    """X and Z of A X B = Z: gripper -> camera and base -> target, or base -> camera and gripper -> target, or None."""
+    for X in result.transforms:
+        other = {"gripper": "base", "base": "gripper"}.get(X.parent)
+        for Z in result.transforms:
+            if X.child in ("camera", *result.cameras) and (Z.parent, Z.child) == (other, "target"):
+                return X, Z
+    return None
 
 
 def target_centre(result: CalibrationResult) -> Array:
@@ -79,9 +99,10 @@ def target_outline(result: CalibrationResult) -> Array | None:
     return np.array([[x0, y0, z0], [x1, y0, z0], [x1, y1, z0], [x0, y1, z0]])
 
 
-def _seen_by_pose(result: CalibrationResult, poses: Mapping[ViewKey, Array]) -> dict[str, Array]:
+def _seen_by_pose(result: CalibrationResult) -> dict[str, Array]:
     if result.T_camera_target is not None and result.robot_poses is not None:
         return dict(zip(result.robot_poses.ids, result.T_camera_target, strict=True))
+    poses = seen_poses(result)
     names = set(result.robot_poses.ids) if result.robot_poses else set()
     seen = {}
     for view in result.observations.views if result.observations else ():

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult
-from calibrant.diagnose.residuals import hand_eye_pair
-from calibrant.report.loop import LoopView, ViewKey, target_outline
+from calibrant.report.loop import LoopView, hand_eye_pair, target_outline
 
 Array = NDArray[np.float64]
 
@@ -26,7 +25,7 @@ _MOST_POSES = 150
 
 
 def scene(
-    result: CalibrationResult, poses: Mapping[ViewKey, Array], loop: tuple[LoopView, ...]
+    result: CalibrationResult, poses: Mapping[tuple[str, str], Array], loop: tuple[LoopView, ...]
 ) -> dict[str, Any] | None:
     """Frames, cameras, boards and layers of the 3D view, or None when the result holds no pose to show.
 
@@ -69,7 +68,7 @@ def _hand_eye_scene(result: CalibrationResult, loop: tuple[LoopView, ...]) -> di
     }
 
 
-def _camera_scene(result: CalibrationResult, poses: Mapping[ViewKey, Array]) -> dict[str, Any]:
+def _camera_scene(result: CalibrationResult, poses: Mapping[tuple[str, str], Array]) -> dict[str, Any]:
     names = list(poses)[:: -(-len(poses) // _MOST_POSES)]
     return {
         "up": [0, -1, 0],

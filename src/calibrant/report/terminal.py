@@ -6,9 +6,10 @@ when the output is not a terminal.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from rich.columns import Columns
 from rich.console import Group, RenderableType
-from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
@@ -23,6 +24,7 @@ from calibrant.report.figures import (
     translation_figures,
     yaw_pitch_roll_figures,
 )
+from calibrant.report.loop import LoopView, by_view, loop_views
 from calibrant.report.numbers import Figure, plain, sigma_text
 from calibrant.report.words import (
     STATUS_WORDS,
@@ -58,7 +60,7 @@ def summary(result: CalibrationResult) -> RenderableType:
         parts.append(_methods_table(result))
     rows = view_rows(result)
     if rows:
-        parts.append(_views(rows))
+        parts.append(_views(rows, by_view(result, loop_views(result))))
     if result.checks:
         parts.append(_checks_table(result))
     return Group(*parts, _verdict(result))
@@ -70,7 +72,7 @@ def _table(*, header: bool = True) -> Table:
 
 def _headed(heading: str, *parts: RenderableType) -> RenderableType:
     # A heading of its own, not the table's title: that would wrap at the width of a narrow table.
-    return Padding(Group(Text(heading, style="bold"), *parts), (0, 0, 1, 0), expand=False)
+    return Group(Text(heading, style="bold"), *parts, Text())
 
 
 def _camera_table(name: str, camera: Camera) -> RenderableType:
@@ -124,7 +126,7 @@ def _facts_table(facts: list[Fact]) -> RenderableType:
 
 def _methods_table(result: CalibrationResult) -> RenderableType:
     table = _table()
-    table.add_column("method")
+    table.add_column("method", no_wrap=True)
     for heading in ("loop mm", "loop deg", "from joint mm", "deg"):
         table.add_column(heading, justify="right")
     table.add_column("", overflow="fold")
@@ -134,33 +136,45 @@ def _methods_table(result: CalibrationResult) -> RenderableType:
     return _headed("Methods: spread of the loop that should be constant, RMS", table)
 
 
-def _views(rows: list[ViewRow]) -> RenderableType:
+def _views(rows: list[ViewRow], loop: Mapping[str, LoopView]) -> RenderableType:
     used = [row for row in rows if row.used]
-    shown = rows
-    if len(rows) > _ALL_VIEWS_UP_TO:
-        worst = sorted(used, key=lambda row: -(row.rms_px or 0.0))[:_WORST_SHOWN]
-        shown = [row for row in rows if row.reason or row in worst]
+    shown = _worth_a_look(rows, loop)
+    with_camera, with_rms = len({row.camera for row in rows}) > 1, any(row.rms_px is not None for row in rows)
     table = _table()
-    with_camera = len({row.camera for row in rows}) > 1
     if with_camera:
         table.add_column("camera")
     table.add_column("view", overflow="fold", max_width=28)
-    table.add_column("points", justify="right", no_wrap=True)
-    table.add_column("RMS px", justify="right", no_wrap=True)
+    headings = ["points", "RMS px"] * with_rms + ["loop mm", "loop deg"] * bool(loop)
+    for heading in headings:
+        table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("", overflow="fold")
     for row in shown:
-        points = str(row.points) if not row.points_left_out else f"{row.points} (−{row.points_left_out})"
+        cells: list[RenderableType] = [Text(row.camera)] if with_camera else []
+        cells.append(Text(row.id))
+        if with_rms:
+            points = str(row.points) if not row.points_left_out else f"{row.points} (−{row.points_left_out})"
+            cells += [points, _optional(row.rms_px)]
+        if loop:
+            step = loop.get(row.id)
+            cells += [_optional(step.mm if step else None), _optional(step.deg if step else None)]
         words = row.status if not row.reason else f"{row.status}: {row.reason}"
-        cells: list[RenderableType] = [
-            Text(row.id),
-            points,
-            _optional(row.rms_px),
-            Text(words, style=_VIEW_STYLES[row.status]),
-        ]
-        table.add_row(*[Text(row.camera), *cells][0 if with_camera else 1 :])
+        table.add_row(*cells, Text(words, style=_VIEW_STYLES[row.status]))
     hidden = len(rows) - len(shown)
     more = [Text(f"{hidden} more views used without remark; the report lists them all.", style="dim")] if hidden else []
     return _headed(f"Views: {len(used)} of {len(rows)} used", table, *more)
+
+
+def _worth_a_look(rows: list[ViewRow], loop: Mapping[str, LoopView]) -> list[ViewRow]:
+    """All rows, or of many those with a reason and the worst, by pixels where they are known, else by the loop."""
+    if len(rows) <= _ALL_VIEWS_UP_TO:
+        return rows
+
+    def badness(row: ViewRow) -> float:
+        step = loop.get(row.id)
+        return row.rms_px if row.rms_px is not None else step.mm if step is not None and step.mm is not None else 0.0
+
+    worst = sorted((row for row in rows if row.used), key=badness, reverse=True)[:_WORST_SHOWN]
+    return [row for row in rows if row.reason or row in worst]
 
 
 def _checks_table(result: CalibrationResult) -> RenderableType:

@@ -11,7 +11,7 @@ import numpy as np
 
 from calibrant.data import CalibrationResult, View
 from calibrant.diagnose.residuals import ViewResiduals
-from calibrant.report.loop import LoopView
+from calibrant.report.loop import LoopView, by_view
 from calibrant.report.pictures import data_uris
 from calibrant.report.words import ViewRow, view_rows
 
@@ -47,13 +47,12 @@ def page_views(
     """
     observed = {(v.camera, v.id): v for v in (result.observations.views if result.observations else ())}
     vectors = {(r.camera, r.id): r for r in _thinned(residuals)}
-    steps = {v.id: v for v in loop}
+    steps = by_view(result, loop)
     pages: list[dict[str, Any]] = []
     files: list[tuple[float, str, Path]] = []
     for row in view_rows(result) or [ViewRow(v.id, "", v.mm is not None, 0, 0, None, "") for v in loop]:
         view, vector = observed.get((row.camera, row.id)), vectors.get((row.camera, row.id))
-        step = steps.get(view.moment if view is not None else row.id, steps.get(row.id))
-        page = _page_view(row, view, vector, step)
+        page = _page_view(row, view, vector, steps.get(row.id))
         page["size"] = list(result.observations.image_sizes[view.camera]) if result.observations and view else None
         pages.append(page)
         path = images.get(row.id) or (Path(view.file) if view and view.file else None)

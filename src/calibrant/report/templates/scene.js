@@ -36,7 +36,7 @@
 
   const views = { start: handEye ? [-0.9, 0.42] : [-2.2, 0.3], top: [-Math.PI / 2, 1.55], front: [-Math.PI / 2, 0], side: [0, 0] };
   const eye = { azimuth: 0, elevation: 0, distance: 0, at: centre };
-  const aspect = () => (window.innerWidth < 600 ? 0.9 : 0.56);
+  const aspect = () => (window.innerWidth < 600 ? 0.9 : 0.6);
   let size = { width: 600, height: 400 }, basis = null, hits = [], hovered = null;
   function look() {
     const c = Math.cos(eye.elevation), flat = add(e1.map((x) => x * Math.cos(eye.azimuth)), e2, Math.sin(eye.azimuth));
@@ -51,21 +51,31 @@
     return [size.width / 2 + (basis.focal * dot(d, basis.right)) / z, size.height / 2 - (basis.focal * dot(d, basis.above)) / z, z];
   }
 
-  /* A named view, as near as all points stay inside the frame. */
+  /* A named view: as near as all points stay inside the frame, and they in the middle of it. */
   function turn(name) {
     [eye.azimuth, eye.elevation] = views[name];
     eye.at = centre;
-    let near = 0.5 * radius, far = 8 * radius;
-    const inside = () => everyPoint.every((p) => {
-      const at = project(p);
-      return at && Math.abs(at[0] - size.width / 2) < 0.42 * size.width && Math.abs(at[1] - size.height / 2) < 0.38 * size.height;
-    });
-    for (let i = 0; i < 20; i++) {
-      eye.distance = (near + far) / 2;
-      look();
-      if (inside()) far = eye.distance; else near = eye.distance;
+    for (let round = 0; round < 4; round++) {
+      let near = 0.3 * radius, far = 8 * radius;
+      for (let i = 0; i < 20; i++) {
+        eye.distance = (near + far) / 2;
+        if (extent().inside) far = eye.distance; else near = eye.distance;
+      }
+      eye.distance = far;
+      const box = extent(), k = eye.distance / basis.focal;
+      eye.at = add(add(eye.at, basis.right, k * box.dx), basis.above, -k * box.dy);
     }
-    eye.distance = far;
+    if (!extent().inside) eye.distance *= 1.1;
+  }
+  /* Whether every point is inside the frame with a margin, and how far their middle is from the frame's, px. */
+  function extent() {
+    look();
+    const at = everyPoint.map(project);
+    if (at.some((p) => p === null)) return { inside: false, dx: 0, dy: 0 };
+    const [left, right, top, bottom] = [[0, Math.min], [0, Math.max], [1, Math.min], [1, Math.max]].map(([k, pick]) => pick(...at.map((p) => p[k])));
+    const dx = (left + right - size.width) / 2, dy = (top + bottom - size.height) / 2;
+    const inside = Math.abs(dx) + (right - left) / 2 < 0.43 * size.width && Math.abs(dy) + (bottom - top) / 2 < 0.4 * size.height;
+    return { inside, dx, dy };
   }
 
   function collect() {

@@ -1,0 +1,132 @@
+"""Cameras from the files of other programs, and what is said about files that hold none."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from calibrant.cameras import Camera
+from calibrant.data import CalibrationResult
+from calibrant.data.result_file import write_result
+from calibrant.errors import InputError
+from calibrant.formats.camera_files import read_camera
+
+K = [[800.5, 0, 320.25], [0, 801.5, 240.75], [0, 0, 1]]
+K_FLAT = [number for row in K for number in row]
+D = [-0.1, 0.02, 0.001, -0.002, 0.003]
+EXPECTED = [800.5, 801.5, 320.25, 240.75, *D]
+
+
+def camera_of(path: Path, data: object, **options: tuple[int, int]) -> Camera:
+    path.write_text(yaml.safe_dump(data))
+    return read_camera(path, **options)
+
+
+def test_ros_camera_info_file_and_message(tmp_path: Path) -> None:
+    file = {
+        "image_width": 640,
+        "image_height": 480,
+        "camera_name": "left",
+        "camera_matrix": {"rows": 3, "cols": 3, "data": K_FLAT},
+        "distortion_model": "plumb_bob",
+        "distortion_coefficients": {"rows": 1, "cols": 5, "data": D},
+        "projection_matrix": {"rows": 3, "cols": 4, "data": [0.0] * 12},
+    }
+    message = {"width": 640, "height": 480, "distortion_model": "plumb_bob", "K": K_FLAT, "D": D}
+    for data in (file, message):
+        camera = camera_of(tmp_path / "c.yaml", data)
+        assert camera.image_size == (640, 480)
+        np.testing.assert_array_equal(camera.values, EXPECTED)
+
+
+def test_an_equidistant_ros_camera_is_refused_by_name(tmp_path: Path) -> None:
+    data = {"width": 1, "height": 1, "distortion_model": "equidistant", "K": K_FLAT, "D": D[:4]}
+    with pytest.raises(InputError, match="'equidistant'; expected plumb_bob"):
+        camera_of(tmp_path / "c.yaml", data)
+
+
+def test_named_intrinsics_need_the_image_size(tmp_path: Path) -> None:
+    data = {"intrinsics": {"fx": 550.0, "fy": 551.0, "cx": 320.0, "cy": 240.0}}
+    with pytest.raises(InputError, match=r"c\.yaml: the file holds no image size; give it with the images"):
+        camera_of(tmp_path / "c.yaml", data)
+    camera = camera_of(tmp_path / "c.yaml", data, image_size=(640, 480))
+    assert camera.model.name == "pinhole"
+    np.testing.assert_array_equal(camera.values, [550, 551, 320, 240])
+    flat = {"fx": 1.0, "fy": 2.0, "cx": 3.0, "cy": 4.0, "k1": 0.5, "width": 8, "height": 6}
+    assert camera_of(tmp_path / "c.yaml", flat).parameters["k1"] == 0.5
+
+
+def test_a_result_file_is_read_with_its_covariance(tmp_path: Path) -> None:
+    camera = Camera.create(
+        "brown", {"fx": 1, "fy": 2, "cx": 3, "cy": 4}, image_size=(8, 6), covariance=np.diag(np.arange(9.0))
+    )
+    path = write_result(CalibrationResult("intrinsics", "ok", cameras={"camera": camera}), tmp_path / "c.json")
+    back = read_camera(path)
+    np.testing.assert_array_equal(back.values, camera.values)
+    np.testing.assert_array_equal(back.covariance, camera.covariance)
+    with pytest.raises(InputError, match="images of 8x6 px, the images are 640x480 px"):
+        read_camera(path, image_size=(640, 480))
+    path = write_result(CalibrationResult("hand-eye", "ok"), tmp_path / "h.json")
+    with pytest.raises(InputError, match="0 cameras"):
+        read_camera(path)
+
+
+def test_the_size_of_the_images_must_be_that_of_the_camera(tmp_path: Path) -> None:
+    data = {"fx": 1.0, "fy": 2.0, "cx": 3.0, "cy": 4.0, "width": 8, "height": 6}
+    with pytest.raises(InputError, match="8x6 px, the images are 9x6 px"):
+        camera_of(tmp_path / "c.yaml", data, image_size=(9, 6))
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ({"a": 1, "b": 2}, "no camera in it; its keys are 'a', 'b'; formats read: calibrant result"),
+        ([1, 2], "expected keys and values"),
+        ({"fx": "wide", "fy": 1, "cx": 1, "cy": 1, "width": 2, "height": 2}, "fx is .*'wide'.*, expected numbers"),
+        ({"camera_matrix": {"data": [1, 2]}, "image_width": 2, "image_height": 2}, "2 numbers, expected 9"),
+        (
+            {"camera_matrix": {"data": [1, 0, 0, 0, 1, 0, 0, 0, 2]}, "image_width": 2, "image_height": 2},
+            r"expected \[\[fx, 0, cx\]",
+        ),
+        ({"camera_matrix": {"data": [1, 0.5, 0, 0, 1, 0, 0, 0, 1]}, "image_width": 2, "image_height": 2}, "skew 0.5"),
+        (
+            {
+                "camera_matrix": {"data": [1, 0, 0, 0, 1, 0, 0, 0, 1]},
+                "distortion_coefficients": {"data": [0, 0, 0, 0, 0, 1, 0, 0]},
+                "image_width": 2,
+                "image_height": 2,
+            },
+            "terms beyond k1 k2 p1 p2 k3",
+        ),
+    ],
+)
+def test_files_without_a_usable_camera_say_why(tmp_path: Path, data: object, message: str) -> None:
+    with pytest.raises(InputError, match=message) as caught:
+        camera_of(tmp_path / "c.yaml", data)
+    assert "c.yaml" in str(caught.value)
+
+
+def test_missing_and_binary_files_are_said(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file"):
+        read_camera(tmp_path / "none.yaml")
+    (tmp_path / "b.yaml").write_bytes(b"\xff\xd8\xff\x00")
+    with pytest.raises(InputError, match="not a text file"):
+        read_camera(tmp_path / "b.yaml")
+    (tmp_path / "v.json").write_text(json.dumps({"format": "calibrant/9"}))
+    with pytest.raises(InputError, match=r"'calibrant/9'; this version .* reads 'calibrant/1'"):
+        read_camera(tmp_path / "v.json")
+
+
+def test_the_real_files_are_read(shared_data: Callable[[str], Path]) -> None:
+    rct = read_camera(
+        shared_data("handeye_rct_charuco_static") / "camera_intr_calibrated.yaml", image_size=(1600, 1200)
+    )
+    np.testing.assert_array_equal(rct.values, [1352.02747, 1356.14287, 789.67065, 627.2995])
+    procam = read_camera(shared_data("procam_kamino_graycode") / "calibration_result.xml")
+    assert procam.image_size == (1280, 1024)
+    assert procam.parameters["fx"] == 3.4523929068729908e03

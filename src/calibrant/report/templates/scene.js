@@ -133,7 +133,7 @@
         line(o, tip, report.colour(`axis-${name}`), 2.2);
         label(add(o, add(tip, o, -1), 1.15), name, report.colour(`axis-${name}`));
       });
-      label(add(o, up, 0.9 * axis), camera.label, ink);
+      label(add(o, up, 1.7 * axis), camera.label, ink);
     }
     mark(o, camera.label, camera.view);
   }

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
+
+from calibrant.cli import options as o
 
 if TYPE_CHECKING:
     from calibrant.cli.demo_chain import DemoOutcome
@@ -29,41 +30,32 @@ def demo(
     setup: Annotated[
         SetupName, typer.Option(help="Camera on the gripper, or beside the robot.")
     ] = SetupName.EYE_IN_HAND,
-    json: Annotated[bool, typer.Option("--json", help="Print the result and the comparison as JSON.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
-    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
-) -> None:
+    json: o.Json = False,
+    quiet: o.Quiet = False,
+    debug: o.Debug = False,
+) -> int:
     """Calibrate a simulated robot cell, with no hardware and no files.
 
-    SYNOPSIS: calibrant demo [--seed N] [--out DIR] [--views N] [--setup eye-in-hand|eye-to-hand]
+    calibrant demo [--seed N] [--out DIR] [--views N] [--setup eye-in-hand|eye-to-hand]
 
     A camera on a simulated UR5e photographs a ChArUco board; pictures and robot poses go to DIR. Then everything runs
     as on your own data: find the board, calibrate the camera, calibrate hand and eye, write results and report. At the
     end each figure stands beside its predicted uncertainty and beside the truth, which only a simulation knows.
     """
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
-
     from calibrant.cli.demo_chain import result_json, run_demo
     from calibrant.data.result_encoding import format_json, plain
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    steps: dict[str, TaskID] = {}
-    with Progress(*columns, console=Console(stderr=True), transient=True, disable=quiet or json) as bar:
-
-        def show(step: str, done: int, total: int) -> None:
-            if step not in steps:
-                steps[step] = bar.add_task(step, total=total)
-            bar.update(steps[step], completed=done)
-
-        outcome = run_demo(out, seed=seed, views=views, setup=setup.value, progress=show)
+    outcome = run_demo(out, seed=seed, views=views, setup=setup.value, quiet=quiet or json)
     if json:
         typer.echo(format_json(plain(result_json(outcome), "result")))
     elif not quiet:
         _print(outcome, out)
+    return 1 if outcome.hand_eye.verdict == "refused" else 0
 
 
 def _print(outcome: DemoOutcome, out: Path) -> None:
     """Summary of the result, the comparison, the files, and the command that repeats the calibration."""
+    from rich.console import Console
     from rich.text import Text
 
     from calibrant.cli.demo_chain import comparison
@@ -78,5 +70,5 @@ def _print(outcome: DemoOutcome, out: Path) -> None:
     repeat = (
         f"calibrant hand-eye --images {out / 'images'} --poses {out / 'poses.csv'} --target {outcome.cell.target.spec}"
     )
-    console.print(Text(f"\nThe same from the files alone:\n  {repeat} --setup {outcome.cell.setup}"), soft_wrap=True)
+    console.print(Text(f"\nThe same from the files alone:\n  {repeat}"), soft_wrap=True)
     console.print(Text(f"Took {sum(outcome.seconds.values()):.0f} s."))

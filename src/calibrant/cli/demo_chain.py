@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,22 +14,18 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from calibrant.calibrate.hand_eye.calibrate import calibrate_hand_eye
 from calibrant.calibrate.intrinsics import calibrate_intrinsics
+from calibrant.cli import session
+from calibrant.cli.hand_eye_run import Request, calibrate
 from calibrant.data import CalibrationResult
 from calibrant.data.result_encoding import encode
 from calibrant.data.result_file import write_result, write_text
-from calibrant.detect import detect
-from calibrant.errors import InputError
-from calibrant.formats.poses import read_poses, readings
+from calibrant.errors import InputError, RefusedError
 from calibrant.report.html import write_report
 from calibrant.report.numbers import sigma_text, value_text
 from calibrant.simulate.cell import Cell, make_cell, photograph
 from calibrant.simulate.scenes import Setup
 from calibrant.simulate.truth import CONFIDENCE, PointTruth, TransformTruth, point_truth, transform_truth
-
-Progress = Callable[[str, int, int], None]
-"""Called with a step's name, how much of it is done, and how much there is."""
 
 MARK = "truth.json"
 """The file by which a demo knows a folder that it wrote itself, and may therefore write again."""
@@ -50,36 +45,30 @@ class DemoOutcome:
     seconds: dict[str, float]
 
 
-def run_demo(folder: Path, *, seed: int, views: int, setup: Setup, progress: Progress | None = None) -> DemoOutcome:
-    """Photograph a cell into `folder` and calibrate it from these files alone.
+def run_demo(folder: Path, *, seed: int, views: int, setup: Setup, quiet: bool = False) -> DemoOutcome:
+    """Photograph a cell into `folder` and calibrate it from these files alone, as `calibrant hand-eye` does.
 
     Raises: InputError when the folder holds something that no demo wrote, or cannot be written; RefusedError when the
     calibration refuses its data.
     """
-    tell = progress or _silent
+    cell = make_cell(seed, setup=setup, views=views)
     _claim(folder)
     clock = _Clock()
-    cell = make_cell(seed, setup=setup, views=views)
     write_text(_truth_text(cell), folder / MARK, force=True)
-    images, poses_file = photograph(cell, folder, progress=lambda done, all_: tell("photographing", done, all_))
+    with session.progress("Photographing the board", quiet=quiet) as step:
+        images, poses = photograph(cell, folder, progress=lambda done, total: step(done, total, ""))
     clock.lap("photograph")
-
-    observations = detect(
-        images, target=cell.target, progress=lambda done, all_, _: tell("finding the board", done, all_)
-    )
-    clock.lap("detect")
-    tell("calibrating the camera", 0, 1)
-    intrinsics = calibrate_intrinsics(observations, model=cell.camera.model.name)
-    clock.lap("intrinsics")
-    tell("calibrating the camera", 1, 1)
-    tell("calibrating hand and eye", 0, 1)
-    poses = readings(read_poses(poses_file, units="m", rotation="quat-xyzw", direction="base-gripper"))[0].poses
-    hand_eye = calibrate_hand_eye(poses, observations, setup=setup)
-    clock.lap("hand-eye")
-    tell("calibrating hand and eye", 1, 1)
+    request = Request(poses=(str(poses),), images=(str(images[0].parent),), target=cell.target.spec, quiet=quiet)
+    hand_eye = calibrate(request)
+    clock.lap("detect and calibrate")
+    if hand_eye.observations is None or len(hand_eye.transforms) != 2:
+        raise RefusedError(
+            "the calibration of the simulated cell gave no transforms; run again with --debug, report it"
+        )
+    intrinsics = calibrate_intrinsics(hand_eye.observations)
     files = {
         "images": images[0].parent,
-        "robot poses": poses_file,
+        "robot poses": poses,
         "camera": write_result(intrinsics, folder / "camera.json", force=True),
         "hand-eye": write_result(hand_eye, folder / "hand-eye.json", force=True),
         "report": write_report(hand_eye, folder / "report.html", force=True),
@@ -95,7 +84,8 @@ def _compared(
     files: dict[str, Path],
     laps: dict[str, float],
 ) -> DemoOutcome:
-    camera_estimate, target_estimate = hand_eye.transforms
+    X_name, Z_name = _names(cell.setup)
+    camera_estimate, target_estimate = (hand_eye.transform(*name.split("_")[1:]) for name in (X_name, Z_name))
     return DemoOutcome(
         cell,
         intrinsics,
@@ -119,10 +109,6 @@ class _Clock:
         now = time.perf_counter()
         self.laps[name] = now - self._last
         self._last = now
-
-
-def _silent(step: str, done: int, total: int) -> None:
-    """No progress wanted."""
 
 
 def _claim(folder: Path) -> None:

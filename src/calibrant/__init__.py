@@ -1,3 +1,63 @@
-"""calibrant: calibrate cameras and robots, and prove it."""
+"""calibrant: calibrate cameras and robots, and prove it.
+
+The names below are the public API; each loads what it needs on first use, so that `import calibrant` stays light.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from calibrant.calibrate.hand_eye.calibrate import calibrate_hand_eye as calibrate_hand_eye
+    from calibrant.calibrate.intrinsics import calibrate_intrinsics as calibrate_intrinsics
+    from calibrant.cameras import Camera as Camera
+    from calibrant.data import CalibrationResult as CalibrationResult
+    from calibrant.data import Check as Check
+    from calibrant.data import Observations as Observations
+    from calibrant.data import RobotPoses as RobotPoses
+    from calibrant.data import View as View
+    from calibrant.data.result_file import read_result as read
+    from calibrant.detect import detect as detect
+    from calibrant.errors import CalibrantError as CalibrantError
+    from calibrant.errors import InputError as InputError
+    from calibrant.errors import RefusedError as RefusedError
+    from calibrant.geometry.frames import FrameGraph as FrameGraph
+    from calibrant.report.html import write_report as write_report
+    from calibrant.targets.registry import parse_target as parse_target
 
 __version__ = "0.1.0"
+
+_PUBLIC = {
+    "CalibrantError": ("calibrant.errors", "CalibrantError"),
+    "CalibrationResult": ("calibrant.data", "CalibrationResult"),
+    "Camera": ("calibrant.cameras", "Camera"),
+    "Check": ("calibrant.data", "Check"),
+    "FrameGraph": ("calibrant.geometry.frames", "FrameGraph"),
+    "InputError": ("calibrant.errors", "InputError"),
+    "Observations": ("calibrant.data", "Observations"),
+    "RefusedError": ("calibrant.errors", "RefusedError"),
+    "RobotPoses": ("calibrant.data", "RobotPoses"),
+    "View": ("calibrant.data", "View"),
+    "calibrate_hand_eye": ("calibrant.calibrate.hand_eye.calibrate", "calibrate_hand_eye"),
+    "calibrate_intrinsics": ("calibrant.calibrate.intrinsics", "calibrate_intrinsics"),
+    "detect": ("calibrant.detect.pipeline", "detect"),
+    "parse_target": ("calibrant.targets.registry", "parse_target"),
+    "read": ("calibrant.data.result_file", "read_result"),
+    "write_report": ("calibrant.report.html", "write_report"),
+}
+
+__all__ = [*_PUBLIC, "__version__"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PUBLIC:
+        raise AttributeError(f"module 'calibrant' has no attribute {name!r}; it has {', '.join(__all__)}")
+    module, attribute = _PUBLIC[name]
+    value = getattr(import_module(module), attribute)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

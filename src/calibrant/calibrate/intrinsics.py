@@ -11,7 +11,7 @@ residuals, sigma^2 = sum r^2 / (2 N - unknowns), and the covariance is the inver
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from calibrant.calibrate.outliers import Marked, mark, points_reason, view_reaso
 from calibrant.calibrate.provenance import refuse_if_failed, stamp
 from calibrant.calibrate.chain import Link
 from calibrant.calibrate.reprojection import ReprojectionFactor, StackedViews, stack
+from calibrant.calibrate.weights import reweighted
 from calibrant.cameras import Camera, CameraModel, camera_model
 from calibrant.data import CalibrationResult, Observations, View, ViewResult, verdict_of
 from calibrant.errors import InputError, RefusedError
@@ -248,26 +249,33 @@ def _fit_and_clean(
     fix: Sequence[str],
     max_error_px: float | None,
 ) -> tuple[Fit, Marked]:
-    """Fit all points; where some do not belong, find them by a robust fit, leave them out and fit the rest."""
-    solution = refine(stacked, kind, start, fix=fix)
+    """Fit all points alike; where some do not belong, find them by a robust fit and leave them out; then weigh the rest."""
+    plain = StackedViews(stacked.points, stacked.uv, np.ones(len(stacked.uv)), stacked.offsets)
+    solution = refine(plain, kind, start, fix=fix)
     norms = np.linalg.norm(solution.residuals("reprojection"), axis=1)
     marked = mark(norms, stacked.offsets, max_error_px=max_error_px)
-    if marked.keep.all():
-        return Fit(solution, views, stacked), marked
-    # Gross errors bend a plain fit towards themselves: let a robust one say who is wrong.
-    robust = refine(stacked, kind, start, fix=fix, loss=cauchy(CAUCHY_SCALE_SIGMAS), sigma=max(marked.sigma_px, 1e-6))
-    norms = np.linalg.norm(robust.residuals("reprojection"), axis=1)
-    marked = mark(norms, stacked.offsets, max_error_px=max_error_px)
-    if max_error_px is not None and not marked.keep.any():
-        raise RefusedError(
-            f"every point is above the limit of {max_error_px:g} px: the median residual is {np.median(norms):.2g} px. "
-            "Raise --max-error, or check the target and the model"
-        )
-    kept = _keep(views, marked, stacked)
-    clean = stack([v for v in kept if v is not None])
-    used = np.array([v is not None for v in kept])
-    solution = refine(clean, kind, _end(robust, used), fix=fix)
-    return Fit(solution, tuple(v for v in kept if v is not None), clean), marked
+    kept = views
+    if not marked.keep.all():
+        # Gross errors bend a plain fit towards themselves: let a robust one say who is wrong.
+        robust = refine(plain, kind, start, fix=fix, loss=cauchy(CAUCHY_SCALE_SIGMAS), sigma=max(marked.sigma_px, 1e-6))
+        norms = np.linalg.norm(robust.residuals("reprojection"), axis=1)
+        marked = mark(norms, stacked.offsets, max_error_px=max_error_px)
+        if max_error_px is not None and not marked.keep.any():
+            raise RefusedError(
+                f"every point is above the limit of {max_error_px:g} px: the median residual is "
+                f"{np.median(norms):.2g} px. Raise --max-error, or check the target and the model"
+            )
+        judged = _keep(views, marked, stacked)
+        used = np.array([v is not None for v in judged])
+        kept = tuple(v for v in judged if v is not None)
+        plain = replace(stack(kept), sigma=np.ones(sum(len(v) for v in kept)))
+        solution = refine(plain, kind, _end(robust, used), fix=fix)
+    if all(v.sigma_px is None for v in kept):
+        return Fit(solution, kept, plain), marked
+    squares = np.sum(solution.residuals("reprojection") ** 2, axis=1)
+    kept = reweighted(kept, squares, unknowns=solution.problem.free_count)
+    weighted = stack(kept)
+    return Fit(refine(weighted, kind, _end(solution), fix=fix), kept, weighted), marked
 
 
 def _keep(views: Sequence[View], marked: Marked, stacked: StackedViews) -> list[View | None]:

@@ -48,14 +48,16 @@ class StackedViews:
 
 
 def stack(views: Sequence[View]) -> StackedViews:
-    """Lay views end to end."""
+    """Lay views end to end. Sigmas become relative, the mean of 1 / sigma^2 being 1: their level is estimated."""
     counts = np.array([len(v) for v in views], dtype=np.int64)
     offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     points = np.concatenate([v.points for v in views])
     uv = np.concatenate([v.uv for v in views])
     if all(v.sigma_px is None for v in views):
         return StackedViews(points, uv, np.ones(len(uv)), offsets)
-    sigma = np.concatenate([np.ones(len(v)) if v.sigma_px is None else v.sigma_px for v in views])
+    known = [v.sigma_px for v in views if v.sigma_px is not None]
+    typical = 1 / np.sqrt(np.mean(np.concatenate(known) ** -2))
+    sigma = np.concatenate([np.ones(len(v)) if v.sigma_px is None else v.sigma_px / typical for v in views])
     return StackedViews(points, uv, sigma, offsets)
 
 

@@ -25,8 +25,12 @@ def write_result(result: CalibrationResult, path: str | Path, *, force: bool = F
 
     Raises: InputError when the path exists and `force` is False, cannot be written, or a number is not finite.
     """
-    data = plain(encode(result), "result")
-    return write_text(format_json(data) + "\n", path, force=force)
+    return write_text(result_text(result) + "\n", path, force=force)
+
+
+def result_text(result: CalibrationResult) -> str:
+    """The result as JSON text of format calibrant/1. Raises: InputError when a number is not finite."""
+    return format_json(plain(encode(result), "result"))
 
 
 def read_result(path: str | Path) -> CalibrationResult:

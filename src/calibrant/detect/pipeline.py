@@ -19,6 +19,7 @@ from calibrant.detect.detection import Detection
 from calibrant.detect.images import expand, load_grey
 from calibrant.detect.registry import detector_for
 from calibrant.errors import DetectionError, InputError
+from calibrant.targets.registry import parse_target
 from calibrant.targets.target import Target
 
 Progress = Callable[[int, int, str], None]
@@ -41,7 +42,7 @@ class ImageDetection:
 def detect(
     images: str | Path | Iterable[str | Path],
     *,
-    target: Target,
+    target: Target | str,
     workers: int | Executor | None = None,
     mirror_x: bool = False,
     camera: str = DEFAULT_CAMERA,
@@ -49,29 +50,30 @@ def detect(
 ) -> Observations:
     """The target in every image.
 
-    Args: images: files, patterns, folders; workers: how many processes, or an executor to use (None: two where the
+    Args: images: files, patterns, folders; target: a target, or its spec; workers: how many processes, or an executor to use (None: two where the
     images are many); mirror_x: images are flipped left to right before anything else, for cameras that deliver mirror
     images, and pixels are those of the flipped image; progress: called after each image.
     An image that cannot be read or does not show the target is listed in `missed` with the reason.
     Raises: InputError when no image is given, none can be read, or sizes differ; DetectionError when no image shows the
     target.
     """
+    wanted = parse_target(target) if isinstance(target, str) else target
     files = expand(images)
     done = []
     with _executor(workers, len(files)) as executor:
-        for result in _run(executor, files, target, mirror_x):
+        for result in _run(executor, files, wanted, mirror_x):
             done.append(result)
             if progress is not None:
                 progress(len(done), len(files), result.file.name)
     size = _common_size(done)
     found = [d for d in done if d.detection.found]
     if not found:
-        raise DetectionError(_why_none([d for d in done if d.size is not None], target, len(done)))
+        raise DetectionError(_why_none([d for d in done if d.size is not None], wanted, len(done)))
     names = _ids([d.file for d in done])
     return Observations(
-        views=tuple(_view(d, names[d.file], target, camera) for d in found),
+        views=tuple(_view(d, names[d.file], wanted, camera) for d in found),
         image_sizes={camera: size},
-        target=target.spec,
+        target=wanted.spec,
         missed=tuple(
             Missed(names[d.file], d.detection.reason or "", camera, str(d.file)) for d in done if not d.detection.found
         ),

@@ -7,7 +7,7 @@ too, with the contradiction in words: a header can be wrong, and the data can sh
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -63,6 +63,11 @@ class PoseReading:
             rotation = f"{notation} in {'degrees' if self.angle == 'deg' else 'radians'}"
         way = "T_base_gripper" if self.direction == "base-gripper" else "T_gripper_base (inverted)"
         return f"positions in {self.units}, {rotation}, {way}"
+
+    def take(self, rows: Sequence[int], ids: Sequence[str] | None = None) -> PoseReading:
+        """The same reading of some of the poses, in the order of `rows`, renamed when `ids` are given."""
+        names = tuple(self.ids[i] for i in rows) if ids is None else tuple(ids)
+        return replace(self, ids=names, T_base_gripper=self.T_base_gripper[list(rows)])
 
     @property
     def poses(self) -> RobotPoses:

@@ -1,0 +1,79 @@
+"""`calibrant hand-eye`: where the camera is, from photos and robot poses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from calibrant.cli import options as o
+
+
+def hand_eye(
+    poses: Annotated[list[str], typer.Option("--poses", help="File of robot poses, or one file a pose.", show_default=False)],
+    images: Annotated[
+        list[str] | None, typer.Option("--images", "-i", help="Photos, folders or patterns.", show_default=False)
+    ] = None,
+    target: Annotated[
+        str | None, typer.Option("--target", "-t", help="The board, e.g. chessboard:9x6:25mm.", show_default=False)
+    ] = None,
+    target_poses: Annotated[
+        list[str] | None,
+        typer.Option("--target-poses", help="Poses of the target in the camera, instead of photos.", show_default=False),
+    ] = None,
+    camera: Annotated[
+        Path | None, typer.Option("--camera", help="Known camera file; without it the photos calibrate it.", show_default=False)
+    ] = None,
+    setup: Annotated[str, typer.Option("--setup", help="auto, eye-in-hand or eye-to-hand.")] = "auto",
+    pose_units: Annotated[str, typer.Option("--pose-units", help="auto, mm or m.")] = "auto",
+    pose_rotation: Annotated[
+        str, typer.Option("--pose-rotation", help="auto, quat-xyzw, quat-wxyz, rotvec, euler:ZYX, euler:xyz …, matrix.")
+    ] = "auto",
+    pose_angle: Annotated[str, typer.Option("--pose-angle", help="auto, deg or rad.")] = "auto",
+    pose_direction: Annotated[str, typer.Option("--pose-direction", help="auto, base-gripper or gripper-base.")] = "auto",
+    model: o.Model = "brown",
+    fix: o.Fix = None,
+    mirror_x: o.MirrorX = False,
+    exclude: o.Exclude = None,
+    workers: o.Workers = None,
+    out: o.Out = None,
+    report: o.Report = None,
+    json: o.Json = False,
+    quiet: o.Quiet = False,
+    force: o.Force = False,
+    debug: o.Debug = False,
+) -> int:
+    """Find where the camera is: on the gripper (eye-in-hand) or beside the robot (eye-to-hand).
+
+    calibrant hand-eye --images photos/*.png --poses poses.csv --target charuco:5x7:36mm:18mm:DICT_6X6_250 --out result.json
+
+    Reads the poses as they are written (units, rotation, direction are found from the data and said), calibrates
+    camera, robot and target in one problem, and refuses what the motions cannot determine.
+    """
+    from calibrant.cli import hand_eye_run, session
+
+    outputs = session.Outputs(out, report, json, quiet, force)
+    outputs.check()
+    request = hand_eye_run.Request(
+        poses=tuple(poses),
+        images=tuple(images or ()),
+        target=target,
+        target_poses=tuple(target_poses or ()),
+        camera=camera,
+        setup=setup,
+        units=pose_units,
+        rotation=pose_rotation,
+        angle=pose_angle,
+        direction=pose_direction,
+        model=model,
+        fix=o.split_names(fix),
+        mirror_x=mirror_x,
+        exclude=o.split_names(exclude),
+        workers=workers,
+        quiet=quiet or json,
+    )
+    with session.explain_refusal(outputs):
+        result = hand_eye_run.calibrate(request)
+    return session.finish(result, outputs)

@@ -1,0 +1,71 @@
+"""`calibrant intrinsics`: calibrate a camera from photos of a board."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from calibrant.cli import options as o
+
+
+def intrinsics(
+    images: Annotated[list[str], typer.Argument(help="Photos, folders or patterns.", show_default=False)],
+    target: o.Target,
+    model: o.Model = "brown",
+    fix: o.Fix = None,
+    initial: Annotated[
+        Path | None, typer.Option("--initial", help="Start from this camera file (any format).", show_default=False)
+    ] = None,
+    mirror_x: o.MirrorX = False,
+    max_error: Annotated[
+        str | None, typer.Option("--max-error", help="Leave out points above this, e.g. 1.0px, and calibrate again.")
+    ] = None,
+    exclude: o.Exclude = None,
+    workers: o.Workers = None,
+    out: o.Out = None,
+    opencv_yaml: Annotated[
+        Path | None,
+        typer.Option("--opencv-yaml", help="Write OpenCV YAML here (with --out: Intr.yml beside it).", show_default=False),
+    ] = None,
+    report: o.Report = None,
+    json: o.Json = False,
+    quiet: o.Quiet = False,
+    force: o.Force = False,
+    debug: o.Debug = False,
+) -> int:
+    """Calibrate a camera from photos of a printed board.
+
+    calibrant intrinsics photos/*.jpg --target chessboard:9x6:25mm --out camera.json --report camera.html
+
+    Prints every parameter with its 1 and 3 sigma, each photo's error, and what was left out and why.
+    """
+    from calibrant.cli import session
+
+    opencv = opencv_yaml if opencv_yaml is not None else (out.parent / "Intr.yml" if out is not None else None)
+    outputs = session.Outputs(out, report, json, quiet, force, opencv)
+    outputs.check()
+    limit = o.pixels(max_error, option="--max-error")
+
+    from calibrant.detect.images import expand
+
+    files = o.exclude_names(expand(images), o.split_names(exclude))
+    observations = session.detect_boards(files, target, mirror_x=mirror_x, workers=workers, quiet=quiet or json)
+    session.load_solver(quiet=quiet or json)
+
+    from calibrant.calibrate.intrinsics import calibrate_intrinsics
+    from calibrant.diagnose.review import review
+    from calibrant.formats.camera_files import read_camera
+
+    size = next(iter(observations.image_sizes.values()))
+    start = None if initial is None else read_camera(initial, image_size=size)
+    with session.explain_refusal(outputs):
+        result = calibrate_intrinsics(
+            observations, model=model, fix=o.split_names(fix), initial=start, max_error_px=limit
+        )
+    if mirror_x:
+        result = replace(result, options={**result.options, "mirror_x": True})
+    inputs = session.file_records([*files, *([initial] if initial else [])])
+    return session.finish(review(session.with_misses(replace(result, inputs=inputs))), outputs)

@@ -1,0 +1,157 @@
+"""What every calibrating command does around its calculation: progress, outputs, the verdict's exit status."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from calibrant.errors import InputError, RefusedError
+
+if TYPE_CHECKING:
+    from calibrant.data import CalibrationResult, Observations
+
+Progress = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Where a command writes and how much it says."""
+
+    out: Path | None = None
+    report: Path | None = None
+    json: bool = False
+    quiet: bool = False
+    force: bool = False
+    opencv: Path | None = None
+
+    def check(self) -> None:
+        """Refuse outputs that cannot be written before any work is done. Raises: InputError naming the path."""
+        for path in (self.out, self.report, self.opencv):
+            if path is None:
+                continue
+            if path.exists() and not self.force:
+                raise InputError(f"{path} exists already; give another name, or --force to replace it")
+            folder = path.parent
+            if not folder.is_dir():
+                raise InputError(f"cannot write {path}: there is no folder {folder}; make it first")
+            if path.is_dir():
+                raise InputError(f"cannot write {path}: it is a folder; give a file name")
+            if not os.access(folder, os.W_OK):
+                raise InputError(f"cannot write {path}: the folder {folder} is not writable")
+
+
+@contextmanager
+def progress(title: str, *, quiet: bool) -> Iterator[Progress]:
+    """A progress bar on a terminal's standard error; nothing elsewhere."""
+    if quiet or not sys.stderr.isatty():
+        yield lambda done, total, name: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(title, total=None)
+        yield lambda done, total, name: bar.update(task, completed=done, total=total, description=f"{title} {name}")
+
+
+@contextmanager
+def status(text: str, *, quiet: bool) -> Iterator[None]:
+    """A line on a terminal's standard error while something runs."""
+    if quiet or not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(text):
+        yield
+
+
+def load_solver(*, quiet: bool) -> None:
+    """Load the compiled kernels; the first run on a machine compiles them, which a person should know."""
+    with status("Loading the solver (the first run compiles it, which takes up to a minute) …", quiet=quiet):
+        from calibrant.calibrate import planar_kernels, reprojection_kernels
+        from calibrant.optimize import linear_kernels
+
+        _ = (planar_kernels, reprojection_kernels, linear_kernels)
+
+
+def file_records(files: Iterable[str | Path]) -> tuple[dict[str, str], ...]:
+    """Name and SHA-256 of every input file, so that a result says what it was made from."""
+    records = []
+    for file in dict.fromkeys(str(f) for f in files):
+        path = Path(file)
+        if path.is_file():
+            records.append({"file": file, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()})
+    return tuple(records)
+
+
+def detect_boards(
+    files: Sequence[Path], target: str, *, mirror_x: bool, workers: int | None, quiet: bool, camera: str = "camera"
+) -> Observations:
+    """Find the target in every file, with progress."""
+    from calibrant.detect import detect
+    from calibrant.targets.registry import parse_target
+
+    with progress("Finding boards", quiet=quiet) as step:
+        return detect(files, target=parse_target(target), mirror_x=mirror_x, workers=workers, camera=camera, progress=step)
+
+
+def with_misses(result: CalibrationResult) -> CalibrationResult:
+    """The result with the images that showed no board among its views, each with the reason."""
+    from calibrant.data import ViewResult
+
+    if result.observations is None:
+        return result
+    known = {v.id for v in result.views}
+    missed = tuple(
+        ViewResult(m.id, False, 0, None, m.reason, m.camera) for m in result.observations.missed if m.id not in known
+    )
+    return replace(result, views=(*result.views, *missed))
+
+
+def finish(result: CalibrationResult, outputs: Outputs) -> int:
+    """Print the summary, write the files; returns the exit status."""
+    if not outputs.quiet and not outputs.json:
+        from rich.console import Console
+
+        from calibrant.report.terminal import summary
+
+        Console().print(summary(result))
+    if outputs.out is not None:
+        result.write(outputs.out, force=outputs.force)
+    if outputs.opencv is not None:
+        from calibrant.formats.opencv_yaml import write_intrinsics
+
+        write_intrinsics(result.camera, outputs.opencv, rms_px=result.rms_px, force=outputs.force)
+    if outputs.report is not None:
+        from calibrant.report.html import write_report
+
+        write_report(result, outputs.report, force=outputs.force)
+    if outputs.json:
+        from calibrant.data.result_file import result_text
+
+        sys.stdout.write(result_text(result) + "\n")
+    return 1 if result.verdict == "refused" else 0
+
+
+@contextmanager
+def explain_refusal(outputs: Outputs) -> Iterator[None]:
+    """A refused calibration writes no result, but its report, when asked for: it shows why."""
+    try:
+        yield
+    except RefusedError as error:
+        from calibrant.data import CalibrationResult
+
+        if isinstance(error.result, CalibrationResult) and outputs.report is not None:
+            from calibrant.report.html import write_report
+
+            write_report(with_misses(error.result), outputs.report, force=outputs.force)
+        raise

@@ -26,7 +26,9 @@ def li(pairs: PosePairs) -> tuple[Array, Array]:
                                                          [  t_Z  ]
 
     The nearest rotations are taken, and the translations are solved again for them. Lengths are divided by the typical
-    motion, so that the weight between the rows does not depend on the unit.
+    motion, so that the weight between the rows does not depend on the unit. One row more than in the paper,
+    trace(R_0^T R_X) = 3 with a rough R_0 (true to second order), holds the scale of the rotations where t_A cannot:
+    when the robot turns on the spot.
     """
     n, D = len(pairs), se3.inverse(pairs.B)
     R_A, R_D = pairs.A[:, :3, :3], D[:, :3, :3]
@@ -39,7 +41,9 @@ def li(pairs: PosePairs) -> tuple[Array, Array]:
     rows[:, 9:, 18:21] = -R_A
     rows[:, 9:, 21:] = eye
     known = np.concatenate([np.zeros((n, 9)), t_A], axis=1)
-    solution = np.linalg.lstsq(rows.reshape(-1, 24), known.reshape(-1), rcond=None)[0]
+    scale = np.sqrt(n) * np.concatenate([pairs.rough_rotation.reshape(-1), np.zeros(15)])  # as heavy as one row a pose
+    stacked = np.concatenate([rows.reshape(-1, 24), scale[None]])
+    solution = np.linalg.lstsq(stacked, np.append(known, 3 * np.sqrt(n)), rcond=None)[0]
     R_X, R_Z = so3.nearest(solution[:18].reshape(2, 3, 3))
     return with_translations(pairs, R_X, R_Z)
 

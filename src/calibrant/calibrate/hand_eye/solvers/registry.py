@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from calibrant.calibrate.hand_eye.solvers.andreff import ANDREFF
 from calibrant.calibrate.hand_eye.solvers.chou import CHOU
+from calibrant.calibrate.hand_eye.solvers.convex import CONVEX
 from calibrant.calibrate.hand_eye.solvers.daniilidis import DANIILIDIS, DANIILIDIS_SCREW
 from calibrant.calibrate.hand_eye.solvers.dornaika import DORNAIKA
 from calibrant.calibrate.hand_eye.solvers.horaud import HORAUD
@@ -27,6 +28,7 @@ SOLVERS: dict[str, HandEyeSolver] = {
         SHAH,
         LI,
         DORNAIKA,
+        CONVEX,
     )
 }
 

@@ -57,7 +57,10 @@ class HandEyeSolver:
         """
         pairs = PosePairs(np.asarray(A), np.asarray(B))
         report_of(pairs).require_determined()
-        X, Z = self.estimate(pairs)
+        try:
+            X, Z = self.estimate(pairs)
+        except np.linalg.LinAlgError as error:
+            raise RefusedError(f"{self.name}: the linear algebra failed on these poses ({error})") from error
         if not (np.isfinite(X).all() and so3.is_rotation(X[:3, :3])):
             raise RefusedError(f"{self.name}: the method gave no valid transform on these poses; use another method")
         self._require_sound(pairs, X)

@@ -290,7 +290,11 @@ def _equivalent(a: Alternative, b: Alternative) -> bool:
 
 
 def _confidence(chosen: Alternative, rivals: Sequence[Alternative], B: ArrayLike) -> float:
-    """1 - p against the next rival that leads elsewhere. Raises: RefusedError when it fits equally well."""
+    """1 - p against the next rival that leads elsewhere, 0 when nothing fits.
+
+    Raises: RefusedError when the rival fits equally well. With three poses it always does: the motions
+    a = T1^-1 T2, b = T2^-1 T3 of one setup are those of the other up to conjugation, (a, b) and (a, a b a^-1).
+    """
     for rival in rivals:
         if rival is chosen or _equivalent(chosen, rival) or _same_result(chosen, rival):
             continue
@@ -298,10 +302,17 @@ def _confidence(chosen: Alternative, rivals: Sequence[Alternative], B: ArrayLike
         if p > EQUAL_P or ratio < EQUAL_RATIO:
             # Motions that determine nothing let every reading fit: then that is what must be said.
             motion_report(chosen.A, np.asarray(B)).require_determined()
+            if chosen.score > CONSISTENT:
+                return 0.0  # nothing fits at all: that is a finding of its own, not a choice between two
+            few = (
+                "three poses never tell the setups apart; "
+                if len(chosen.A) == 3 and chosen.setup != rival.setup
+                else ""
+            )
             raise RefusedError(
                 f"the robot poses can be read in two ways that fit equally well and lead to different results: "
                 f"{chosen.description} (loop {chosen.loop_text}) and {rival.description} (loop {rival.loop_text}); "
-                f"say which: {_settling_options(chosen, rival)}"
+                f"{few}say which: {_settling_options(chosen, rival)}"
             )
         return 1 - p
     return 1.0

@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 def andreff(pairs: PosePairs) -> tuple[Array, None]:
     """Least squares of `linear_system`; of its solution's nine numbers the nearest rotation; t_X again for it.
 
-    One row more than in the paper, trace(R_0^T R_X) = 3 with a rough R_0 (true to second order), holds the scale of R_X,
-    which the other rows leave to t_A: it vanishes when the robot turns on the spot.
+    One row more than in the paper, trace(R_0^T R_X) = 3 with a rough R_0 (true to second order), holds the scale of
+    R_X, which the other rows leave to t_A: it vanishes when the robot turns on the spot.
     """
     rows, known = linear_system(pairs)
     weight = np.sqrt(len(rows) / 12)  # as heavy as one row a motion

@@ -2,17 +2,18 @@
 
     min |M x - k|^2 over x = (vec R, t), R in SO(3)
 
-with the system of Andreff et al. t enters freely and is eliminated, which leaves z^T Q z in z = (vec R, 1). R in SO(3) is a
-set of quadratic equations z^T P_k z = 0 (orthonormal rows and columns, right-handed columns). The Lagrangian dual
+with the system of Andreff et al. t enters freely and is eliminated, which leaves z^T Q z in z = (vec R, 1). R in SO(3)
+is a set of quadratic equations z^T P_k z = 0 (orthonormal rows and columns, right-handed columns). The Lagrangian dual
 
     max rho   subject to   S = Q + sum lambda_k P_k - rho E >= 0,   E = e_10 e_10^T
 
-is a semidefinite programme of 10 x 10 matrices: rho never exceeds the cost of any rotation. When a rotation reaches it, no
-better one exists. The programme is solved by a logarithmic barrier with Newton steps; its primal W = mu S^-1 tends to z z^T.
+is a semidefinite programme of 10 x 10 matrices: rho never exceeds the cost of any rotation. When a rotation reaches it,
+no better one exists. The programme is solved by a logarithmic barrier with Newton steps; its primal W = mu S^-1 tends
+to z z^T.
 
-Sources: E. Wise, M. Giamou, S. Khoubyarian, A. Grover, J. Kelly, "Certifiably optimal monocular hand-eye calibration", MFI
-2020; J. Briales, J. Gonzalez-Jimenez, "Convex global 3D registration with Lagrangian duality", CVPR 2017 (the equations
-of SO(3)); S. Boyd, L. Vandenberghe, "Convex Optimization", 2004, chapter 11 (barrier).
+Sources: E. Wise, M. Giamou, S. Khoubyarian, A. Grover, J. Kelly, "Certifiably optimal monocular hand-eye calibration",
+MFI 2020; J. Briales, J. Gonzalez-Jimenez, "Convex global 3D registration with Lagrangian duality", CVPR 2017 (the
+equations of SO(3)); S. Boyd, L. Vandenberghe, "Convex Optimization", 2004, chapter 11 (barrier).
 """
 
 from __future__ import annotations
@@ -29,12 +30,12 @@ from calibrant.geometry import se3, so3
 Array = NDArray[np.float64]
 
 BARRIER_END = 1e-8
-"""Last weight of the barrier, Q scaled to a trace of 1: the dual is then within 10 times this of its optimum, and Newton's
-matrix, whose condition grows as its inverse square, still has some digits."""
+"""Last weight of the barrier, Q scaled to a trace of 1: the dual is then within 10 times this of its optimum, and
+Newton's matrix, whose condition grows as its inverse square, still has some digits."""
 
 GAP_RELATIVE, GAP_ABSOLUTE = 1e-3, 1e-6
-"""The certificate: the cost exceeds its lower bound by no more than 0.1 % of itself, or ten times what the barrier leaves
-open (Q scaled to a trace of 1)."""
+"""The certificate: the cost exceeds its lower bound by no more than 0.1 % of itself, or ten times what the barrier
+leaves open (Q scaled to a trace of 1)."""
 
 
 def convex(pairs: PosePairs) -> tuple[Array, None]:
@@ -49,8 +50,8 @@ def convex(pairs: PosePairs) -> tuple[Array, None]:
     cost = float(point @ Q @ point)
     if cost - rho > GAP_RELATIVE * cost + GAP_ABSOLUTE:
         raise RefusedError(
-            f"convex: the best rotation found costs {cost:.3g}, the proven lower bound is {rho:.3g}: the relaxation is not "
-            "tight on these data, which contradict each other; look for wrong views"
+            f"convex: the best rotation found costs {cost:.3g}, the proven lower bound is {rho:.3g}: the relaxation "
+            "is not tight on these data, which contradict each other; look for wrong views"
         )
     return se3.make(R, pairs.length * (translation @ point)), None
 
@@ -61,9 +62,10 @@ def _reduced(pairs: PosePairs) -> tuple[Array, Array]:
     By QR of [M_t, M_r, -k]: the first three rows of the triangle give t, the rest is a square root of Q.
     """
     rows, known = linear_system(pairs)
-    triangle = np.linalg.qr(np.concatenate([rows[:, 9:], rows[:, :9], -known[:, None]], axis=1), mode="r")
-    root = triangle[3:, 3:]
-    translation = -np.linalg.solve(triangle[:3, :3], triangle[:3, 3:])
+    columns = np.concatenate([rows[:, 9:], rows[:, :9], -known[:, None]], axis=1)
+    triangle = np.asarray(np.linalg.qr(columns, mode="r"), dtype=np.float64)
+    root: Array = triangle[3:, 3:]
+    translation = -np.asarray(np.linalg.solve(triangle[:3, :3], triangle[:3, 3:]), dtype=np.float64)
     return root.T @ root / np.sum(root**2), translation
 
 

@@ -16,8 +16,8 @@ def linear_system(pairs: PosePairs) -> tuple[Array, Array]:
         [ I_9 - R_A (x) R_B           0     ] [vec R_X]   [ 0 ]
         [ I_3 (x) t_B^T         I_3 - R_A   ] [  t_X  ] = [t_A]
 
-    vec by rows. Lengths, and so t_X, are in units of the typical motion `pairs.length`: the weight between the rows then
-    does not depend on the unit of length. Source: Andreff, Horaud, Espiau 1999.
+    vec by rows. Lengths, and so t_X, are in units of the typical motion `pairs.length`: the weight between the rows
+    then does not depend on the unit of length. Source: Andreff, Horaud, Espiau 1999.
     """
     m, p = pairs.motions, len(pairs.motions.i)
     R_A, R_B = m.A[:, :3, :3], m.B[:, :3, :3]

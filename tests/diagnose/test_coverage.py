@@ -5,7 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibrant.diagnose.coverage import board_spread, coverage_checks, image_coverage, spread_checks
+from calibrant.cameras import Camera
+from calibrant.data import CalibrationResult, Check, Observations, ViewResult
+from calibrant.data.results import Verdict
+from calibrant.diagnose.coverage import (
+    board_spread,
+    camera_coverage,
+    coverage_checks,
+    image_coverage,
+    spread_checks,
+    with_coverage_checks,
+)
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
 
@@ -97,3 +107,43 @@ def test_tilts_about_one_axis_name_the_other(tilts: list[tuple[float, float]], m
     tilt = spread_checks(board_spread(_boards(tilts, [0.4, 0.5, 0.6]), [np.zeros(3)] * 3))[0]
     assert tilt.status == "warn"
     assert f"tilted {missing} as well" in tilt.message
+
+
+CAMERA = Camera.create("pinhole", {"fx": 900, "fy": 900, "cx": 600, "cy": 450}, image_size=SIZE)
+BOARD = np.stack([*(g.ravel() * 0.03 for g in np.meshgrid(np.arange(9.0), np.arange(6.0))), np.zeros(54)], axis=-1)
+
+
+def _result(*, verdict: Verdict = "ok", checks: tuple[Check, ...] = ()) -> CalibrationResult:
+    """Boards in the left half of the image, tilted about one axis only; the last one was left out."""
+    T = [se3.make(so3.exp([np.deg2rad(a), 0, 0]), [-0.35, -0.07, z]) for a, z in ((30, 0.6), (-35, 0.7), (25, 0.5))]
+    uv = [CAMERA.project(se3.apply(pose, BOARD)) for pose in T]
+    observations = Observations.from_points([BOARD] * 3, uv, image_size=SIZE)
+    views = tuple(ViewResult(str(i), i < 2, 54, T_camera_target=pose) for i, pose in enumerate(T))
+    return CalibrationResult(
+        "intrinsics", verdict, checks=checks, cameras={"camera": CAMERA}, views=views, observations=observations
+    )
+
+
+def test_a_result_tells_its_own_coverage_from_the_views_it_used() -> None:
+    (found,) = camera_coverage(_result())
+    assert found.coverage.counts.sum() == 108  # 54 points of two views; the third was left out
+    names = ["image-coverage", "corner-coverage", "tilt-range", "distance-range", "residual-structure"]
+    assert [check.name for check in found.checks] == names
+    assert "take views with the board in the right half" in found.checks[0].message
+    assert "tilted left or right as well" in found.checks[2].message
+
+
+def test_coverage_checks_are_added_once_and_count_for_the_verdict() -> None:
+    own = Check("tilt-range", "ok", "the calibration's own words")
+    result = with_coverage_checks(_result(checks=(own,)))
+    assert result.verdict == "warn"
+    assert result.check("tilt-range") is own
+    assert result.check("image-coverage").status == "warn"
+    assert with_coverage_checks(result).checks == result.checks
+    assert with_coverage_checks(_result(verdict="refused")).verdict == "refused"
+
+
+def test_a_result_without_observations_has_no_coverage() -> None:
+    bare = CalibrationResult("intrinsics", "ok")
+    assert camera_coverage(bare) == ()
+    assert with_coverage_checks(bare).verdict == "ok"

@@ -11,7 +11,7 @@ statistics look for it, both on residuals divided by their view's noise and free
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.special import gammaincc
 
-from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Check, View, ViewResult
 from calibrant.errors import InputError
 from calibrant.geometry import se3
@@ -71,16 +70,9 @@ def fitted_poses(result: CalibrationResult) -> dict[tuple[str, str], Array]:
 
     Views that were left out are fitted too, so that a person can see why; those that determine no pose are absent.
     """
-    stated = {(camera_of(result, v), v.id): v.T_camera_target for v in result.views}
-    poses: dict[tuple[str, str], Array] = {}
-    for view in result.observations.views if result.observations else ():
-        key = (view.camera, view.id)
-        pose = stated.get(key)
-        if pose is None and view.camera in result.cameras:
-            pose = _fitted(result.cameras[view.camera], view)
-        if pose is not None:
-            poses[key] = pose
-    return poses
+    stated = {(camera_of(result, v), v.id): v.T_camera_target for v in result.views if v.T_camera_target is not None}
+    views = result.observations.views if result.observations else ()
+    return stated | _fitted(result, [v for v in views if (v.camera, v.id) not in stated])
 
 
 def seen_poses(result: CalibrationResult) -> dict[tuple[str, str], Array]:
@@ -88,9 +80,7 @@ def seen_poses(result: CalibrationResult) -> dict[tuple[str, str], Array]:
 
     Views of a camera that is not calibrated, or that determine no pose, are absent.
     """
-    views = result.observations.views if result.observations else ()
-    poses = {(v.camera, v.id): _fitted(result.cameras[v.camera], v) for v in views if v.camera in result.cameras}
-    return {key: pose for key, pose in poses.items() if pose is not None}
+    return _fitted(result, result.observations.views if result.observations else ())
 
 
 def view_residuals(result: CalibrationResult, poses: Mapping[tuple[str, str], Array]) -> tuple[ViewResiduals, ...]:
@@ -145,13 +135,24 @@ def structure_check(views: tuple[ViewResiduals, ...], *, image_size: tuple[int, 
     return Check("residual-structure", "ok", message, max(share, neighbour, 0.0))
 
 
-def _fitted(camera: Camera, view: View) -> Array | None:
+def _fitted(result: CalibrationResult, views: Sequence[View]) -> dict[tuple[str, str], Array]:
+    """Poses of the views by (camera, id), each camera held; views that determine none are absent."""
     from calibrant.calibrate.target_poses import target_poses  # compiled code: only where a pose is missing
 
-    try:
-        return target_poses(camera, [view]).T_camera_target[0]
-    except InputError:  # too few points, or outside the camera's field: this view has no pose to show
-        return None
+    poses: dict[tuple[str, str], Array] = {}
+    for name, camera in result.cameras.items():
+        mine = [v for v in views if v.camera == name]
+        # All at once is many times faster; one view without a pose refuses them all, and then each goes alone.
+        batches = [mine] if mine else []
+        while batches:
+            batch = batches.pop()
+            try:
+                T = target_poses(camera, batch).T_camera_target
+            except InputError:  # too few points, or outside the camera's field
+                batches += [[view] for view in batch] if len(batch) > 1 else []
+                continue
+            poses |= {(name, view.id): pose for view, pose in zip(batch, T, strict=True)}
+    return poses
 
 
 def _rms(residuals: Array) -> float:

@@ -36,7 +36,8 @@ const report = (() => {
   function fit(canvas, aspect) {
     const width = canvas.clientWidth || 600, height = Math.round(width * aspect);
     const ratio = Math.min(window.devicePixelRatio || 1, 2);
-    canvas.style.height = `${height}px`;
+    /* The ratio, not the height: a page that is printed narrower must not squeeze the picture. */
+    canvas.style.aspectRatio = `${width} / ${height}`;
     canvas.width = Math.round(width * ratio);
     canvas.height = Math.round(height * ratio);
     const context = canvas.getContext("2d");
@@ -292,7 +293,7 @@ const report = (() => {
     context.fillRect(0, 0, width, height);
     const [uv, r] = allVectors(), factor = Number(allFactor.value), means = mode.value === "cells";
     context.globalAlpha = means || uv.length < 4000 ? 1 : 0.55;
-    arrows(context, uv, r, scale, factor, { colour: report.colour("blue"), width: means ? 1.8 : 0.9, heads: means });
+    arrows(context, uv, r, scale, factor, { colour: report.colour("blue"), width: means ? 1.8 : 0.9, heads: true });
     context.globalAlpha = 1;
     const what = means ? `mean residuals of the cells with at least 5 points` : `${uv.length / 2} points of ${together.length} views`;
     all.querySelector(".status").textContent = `${what}; arrows are drawn ${factor} times their length.`;

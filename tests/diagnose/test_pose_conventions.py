@@ -209,6 +209,9 @@ def test_degenerate_motions_are_refused_by_their_name(tmp_path: Path) -> None:
     B = se3.inverse(X) @ se3.inverse(T) @ Z
     with pytest.raises(RefusedError, match="translations alone leave"):
         decide(native(tmp_path, T), B)
+    T[:, :3, :3] = so3.exp(np.linspace(-0.6, 0.6, 8)[:, None] * [0.0, 0.0, 1.0]) @ T[:, :3, :3]
+    with pytest.raises(RefusedError, match="parallel-axes"):
+        decide(native(tmp_path, T), se3.inverse(X) @ se3.inverse(T) @ Z)
     with pytest.raises(RefusedError, match="hand-eye calibration needs at least 3"):
         decide(native(tmp_path, T[:2]), B[:2])
 

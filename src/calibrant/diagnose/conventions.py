@@ -125,8 +125,9 @@ def decide(
 
     Args: readings, the most believable first (formats.poses.readings); T_camera_target (n, 4, 4), metres, a target
     pose for each robot pose; setup, eye-in-hand or eye-to-hand when the user knows it.
-    Raises: InputError when the numbers of poses differ; RefusedError when the motions cannot tell, or when two readings
-    fit equally well and lead to different results, naming both and the option that would settle it.
+    Raises: InputError when the numbers of poses differ; RefusedError when the motions leave the result undetermined (by
+    name, with the cure), or when two readings fit equally well and lead to different results, naming both and the
+    option that would settle it.
     """
     ranked = rank(readings, T_camera_target)
     wanted = [a for a in ranked if setup in ("auto", a.setup)]
@@ -137,8 +138,10 @@ def decide(
     if best.reading.contradicts and _clearly_better(best, stated):
         chosen = best
         findings.append(_overruled(stated, best))
+    # Motions that determine nothing let every reading fit, or none: then that is what must be said.
+    motion_report(chosen.A, chosen.T_camera_target).require_determined()
     rivals = [a for a in wanted if len(a.reading.contradicts) <= len(chosen.reading.contradicts)]
-    confidence = _confidence(chosen, rivals, T_camera_target)
+    confidence = _confidence(chosen, rivals)
     findings += _mismatch(chosen, ranked, setup)
     if chosen.score > CONSISTENT:
         message = (
@@ -289,7 +292,7 @@ def _equivalent(a: Alternative, b: Alternative) -> bool:
     return a.setup != b.setup and a.reading.direction != b.reading.direction and np.array_equal(a.X, b.X)
 
 
-def _confidence(chosen: Alternative, rivals: Sequence[Alternative], B: ArrayLike) -> float:
+def _confidence(chosen: Alternative, rivals: Sequence[Alternative]) -> float:
     """1 - p against the next rival that leads elsewhere, 0 when nothing fits.
 
     Raises: RefusedError when the rival fits equally well. With three poses it always does: the motions
@@ -300,8 +303,6 @@ def _confidence(chosen: Alternative, rivals: Sequence[Alternative], B: ArrayLike
             continue
         ratio, p = _f_test(chosen, rival)
         if p > EQUAL_P or ratio < EQUAL_RATIO:
-            # Motions that determine nothing let every reading fit: then that is what must be said.
-            motion_report(chosen.A, np.asarray(B)).require_determined()
             if chosen.score > CONSISTENT:
                 return 0.0  # nothing fits at all: that is a finding of its own, not a choice between two
             few = (

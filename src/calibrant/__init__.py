@@ -41,7 +41,7 @@ _PUBLIC = {
     "View": ("calibrant.data", "View"),
     "calibrate_hand_eye": ("calibrant.calibrate.hand_eye.calibrate", "calibrate_hand_eye"),
     "calibrate_intrinsics": ("calibrant.calibrate.intrinsics", "calibrate_intrinsics"),
-    "detect": ("calibrant.detect.pipeline", "detect"),
+    "detect": ("calibrant.detect", ""),
     "parse_target": ("calibrant.targets.registry", "parse_target"),
     "read": ("calibrant.data.result_file", "read_result"),
     "write_report": ("calibrant.report.html", "write_report"),
@@ -54,7 +54,8 @@ def __getattr__(name: str) -> Any:
     if name not in _PUBLIC:
         raise AttributeError(f"module 'calibrant' has no attribute {name!r}; it has {', '.join(__all__)}")
     module, attribute = _PUBLIC[name]
-    value = getattr(import_module(module), attribute)
+    loaded = import_module(module)
+    value = getattr(loaded, attribute) if attribute else loaded
     globals()[name] = value
     return value
 

@@ -14,8 +14,8 @@ from calibrant.errors import InputError
 
 Array = NDArray[np.float64]
 
-WEAK_LEAVE_OUT = 5.0
-"""A view whose target pose is this many times less certain than the typical one carries 1/25 of its information."""
+WEAK_LEAVE_OUT = 10**0.5
+"""A view whose target pose is this many times less certain than the typical one carries a tenth of its information."""
 WEAK_FLAG = 2.0
 """The same for a quarter of the information: used, and said."""
 MINIMUM_POINTS = 6

@@ -127,8 +127,8 @@ def structure_check(views: tuple[ViewResiduals, ...], *, image_size: tuple[int, 
         return Check("residual-structure", "warn", message, share)
     if p_neighbour < _SIGNIFICANCE and neighbour > _LEAST_SHARE:
         message = (
-            f"neighbouring points err alike (correlation {neighbour:.2f}): look for a board that is not flat, a board "
-            "or camera that moved during exposure, or a rolling shutter"
+            f"neighbouring points err alike (correlation {neighbour:.2f}), so the stated uncertainties are too small: "
+            "look for a board that is not flat, a board or camera that moved during exposure, or a rolling shutter"
         )
         return Check("residual-structure", "warn", message, neighbour)
     message = f"the residuals of {count} points look random: no place in the image and no neighbour explains them"

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import typer
 
-from calibrant.cli import hand_eye, intrinsics
+from calibrant.cli import demo, hand_eye, intrinsics
 from calibrant.errors import CalibrantError
 
 app = typer.Typer(
@@ -22,6 +22,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+app.command("demo")(demo.demo)
 app.command("intrinsics")(intrinsics.intrinsics)
 app.command("hand-eye")(hand_eye.hand_eye)
 

@@ -145,6 +145,7 @@ def test_a_list_that_names_pose_files_is_followed(tmp_path: Path) -> None:
         ('{"a": 1}', "no poses under the keys 'a'"),
         ('[{"x": 1, "y": 2, "z": 3}]', "no complete set of columns for the rotation; found the columns 'x', 'y', 'z'"),
         ('[{"x": "left", "y": 2, "z": 3, "qx": 0, "qy": 0, "qz": 0, "qw": 1}]', r"p\.json\[0\]: column 'x' is 'left'"),
+        ('[[1, 2, 3, 0, 0, 0, {"w": 1}]]', r"p\.json\[0\]: column .* is \{'w': 1\}, expected a number"),
         ("[[1, 2, 3], [1, 2, 3]]", r"p\.json\[0\]: 3 numbers, expected 6 or 7"),
         ("[[[1, 0], [0, 1]]]", r"p\.json\[0\]: rows of \[2, 2\] numbers, expected a 4x4 matrix"),
         (

@@ -9,7 +9,7 @@ from typing import Any
 
 from calibrant.errors import InputError
 from calibrant.formats.pose_columns import is_header, layout_of
-from calibrant.formats.pose_rows import MATRIX_NAMES, Cell, PoseTable, bottom_rows, entry_of, header_of, upright
+from calibrant.formats.pose_rows import MATRIX_NAMES, Cell, PoseTable, bottom_rows, entry_of, plain_header, upright
 from calibrant.formats.raw_poses import NOTHING_STATED, Stated
 
 _ROTATION_KEY = re.compile(r"rot|orient|quat|^q$|^r$|rvec|euler|rpy|angle|axis")
@@ -223,8 +223,8 @@ def _listed_numbers(values: list[Any], where: str) -> tuple[Fields, Stated]:
         flat = [cell for row in values for cell in row]
     else:
         flat = list(values)
-    named = header_of([flat])
-    if named is None or len(named[0]) not in (6, 7, 12, 16) or named[0][0] == "index":
+    named = plain_header(len(flat))
+    if named is None:
         raise InputError(
             f"{where}: {len(flat)} numbers, expected 6 or 7 (position and rotation), 12 or 16 (matrix) or named fields"
         )

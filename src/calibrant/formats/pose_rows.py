@@ -73,26 +73,34 @@ def raw_poses(table: PoseTable) -> RawPoses:
     return RawPoses(numbers[:, :3], rotation, names, table.places, stated, source=table.source, notes=notes)
 
 
-def header_of(rows: Sequence[Sequence[Cell]]) -> tuple[tuple[str, ...], Stated] | None:
-    """Column names for rows of bare numbers, from their count, and what is likely; None when no pose has that many.
+def plain_header(count: int) -> tuple[tuple[str, ...], Stated] | None:
+    """Column names for a pose of bare numbers, and what is likely; None when no pose has that many.
 
-    3 + 3 and 3 + 4 numbers are a position and a rotation, 12 and 16 a matrix by rows; one more in front is a time stamp
-    or a counter. Seven numbers are a counter and 3 + 3 where the last four cannot be a quaternion. Four bare numbers
-    are a quaternion with the scalar last as a rule (ROS, the TUM trajectory format).
+    3 + 3 and 3 + 4 numbers are a position and a rotation, 12 and 16 a matrix by rows. Four bare numbers are a
+    quaternion with the scalar last as a rule (ROS, the TUM trajectory format).
     """
     position = ("x", "y", "z")
-    three, four = (*position, "e1", "e2", "e3"), (*position, "q0", "q1", "q2", "q3")
-    plain = {6: three, 7: four, 12: MATRIX_NAMES[:12], 16: MATRIX_NAMES}
+    if count == 6:
+        return (*position, "e1", "e2", "e3"), NOTHING_STATED
+    if count == 7:
+        return (*position, "q0", "q1", "q2", "q3"), Stated(likely="quat-xyzw")
+    return (MATRIX_NAMES[:count], NOTHING_STATED) if count in (12, 16) else None
+
+
+def header_of(rows: Sequence[Sequence[Cell]]) -> tuple[tuple[str, ...], Stated] | None:
+    """Column names for rows of bare numbers, as `plain_header`; one more number in front is a time stamp or a counter.
+
+    Seven numbers are a counter and 3 + 3 where the last four cannot be a quaternion.
+    """
     count = len(rows[0])
-    if count == 7 and _counts(rows) and not _unit_norms(rows):
-        header: tuple[str, ...] = ("index", *three)
-    elif count in plain:
-        header = plain[count]
-    elif count - 1 in plain:
-        header = ("index" if _counts(rows) else "timestamp", *plain[count - 1])
-    else:
+    counter = _counts(rows)
+    alone = plain_header(count)
+    if alone is not None and not (count == 7 and counter and not _unit_norms(rows)):
+        return alone
+    behind = plain_header(count - 1)
+    if behind is None:
         return None
-    return header, Stated(likely="quat-xyzw") if header[-1] == "q3" else NOTHING_STATED
+    return ("index" if counter else "timestamp", *behind[0]), behind[1]
 
 
 def upright(matrices: Sequence[Sequence[Cell]]) -> tuple[tuple[tuple[Cell, ...], ...], str | None]:
@@ -104,7 +112,7 @@ def upright(matrices: Sequence[Sequence[Cell]]) -> tuple[tuple[tuple[Cell, ...],
     def is_last(cells: Sequence[Cell]) -> bool:
         try:
             return [float(c) for c in cells if c is not None] == [0.0, 0.0, 0.0, 1.0]
-        except ValueError:
+        except (TypeError, ValueError):
             return False
 
     by_columns = [is_last(m[3::4]) and not is_last(m[12:]) for m in matrices]
@@ -144,7 +152,7 @@ def _counts(rows: Sequence[Sequence[Cell]]) -> bool:
     """True when the first column holds whole numbers that grow by one."""
     try:
         first = np.array([float(row[0]) for row in rows if row[0] is not None])
-    except ValueError:
+    except (TypeError, ValueError):
         return False
     return bool(len(first) > 0 and np.all(first == np.round(first)) and np.all(np.diff(first) == 1))
 
@@ -152,7 +160,7 @@ def _counts(rows: Sequence[Sequence[Cell]]) -> bool:
 def _unit_norms(rows: Sequence[Sequence[Cell]]) -> bool:
     try:
         q = np.array([[float(cell) for cell in row[3:7] if cell is not None] for row in rows])
-    except ValueError:
+    except (TypeError, ValueError):
         return False
     return bool(np.all(np.abs(np.linalg.norm(q, axis=1) - 1) < 0.01))
 

@@ -32,6 +32,8 @@ COARSE_SIDE_PX = 800
 LEAST_CORNERS = 4
 # One marker may show by chance what it should; two, where the corners put them, do not.
 LEAST_MARKERS = 2
+# Markers read with another id than the place's: one in five may be misread; more, and this is another board.
+OTHER_MARKERS = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +61,7 @@ class CharucoDetector:
             board = _best_board(grey, target, markers)
             if board is not None:
                 if camera is not None:
-                    board = _with_camera(grey, board, camera)
+                    board = _with_camera(grey, board, camera, markers)
                 return _detection(target, board)
             seen = markers if len(markers) > len(seen) else seen
         return why_not_found(grey, target, seen)
@@ -84,10 +86,11 @@ def _best_board(grey: Grey, target: Charuco, markers: Markers) -> _Board | None:
     seed = markers.subset(fits[best])
     printed = replace(layouts[best], inverted=is_negative(grey, seed, target))
     corners = grow_corners(grey, printed, marker_anchors(seed, printed))
-    return _confirmed(grey, printed, corners)
+    return _confirmed(grey, printed, corners, markers)
 
 
-def _confirmed(grey: Grey, printed: Charuco, corners: Corners) -> _Board | None:
+def _confirmed(grey: Grey, printed: Charuco, corners: Corners, markers: Markers) -> _Board | None:
+    """The board, when the markers between its corners are its own: shown where they must be, and no others there."""
     if len(corners) < LEAST_CORNERS or _on_one_line(printed, corners):
         return None
     centres = (printed.marker_squares + 0.5).astype(np.float64)
@@ -95,7 +98,12 @@ def _confirmed(grey: Grey, printed: Charuco, corners: Corners) -> _Board | None:
     near = maps.determined & _near_a_corner(centres, printed, corners)
     ids = np.flatnonzero(near)
     confirmed = int(read_markers(grey, maps.subset(near), ids, printed).sum())
-    return _Board(printed, corners, confirmed) if confirmed >= LEAST_MARKERS else None
+    away = np.linalg.norm(markers.corners.mean(axis=1)[:, None] - maps.centres[ids][None], axis=-1)
+    at_place = away < 0.5 * maps.square_px[ids]
+    others = int(np.count_nonzero(at_place & (markers.ids[:, None] != ids)))
+    if confirmed < LEAST_MARKERS or others > max(1.0, OTHER_MARKERS * confirmed):
+        return None
+    return _Board(printed, corners, confirmed)
 
 
 def _near_a_corner(centres: np.ndarray, printed: Charuco, corners: Corners) -> np.ndarray:
@@ -110,12 +118,12 @@ def _on_one_line(printed: Charuco, corners: Corners) -> bool:
     return bool(np.linalg.svd(centred, compute_uv=False)[-1] < 1e-6)
 
 
-def _with_camera(grey: Grey, board: _Board, camera: Camera) -> _Board:
+def _with_camera(grey: Grey, board: _Board, camera: Camera, markers: Markers) -> _Board:
     """The board with the corners that a known camera helps to find; never fewer than before."""
     anchors = anchors_from_camera(board.corners, board.printed, camera)
     if anchors is None:
         return board
-    more = _confirmed(grey, board.printed, grow_corners(grey, board.printed, anchors))
+    more = _confirmed(grey, board.printed, grow_corners(grey, board.printed, anchors), markers)
     return more if more is not None and len(more.corners) > len(board.corners) else board
 
 
@@ -125,6 +133,6 @@ def _detection(target: Charuco, board: _Board) -> Detection:
         layout, option = ("legacy", "add :legacy") if board.printed.legacy else ("new", "leave :legacy out")
         notes.append(f"The board has the {layout} layout of its markers: {option} in the spec to say so.")
     if board.printed.inverted != target.inverted:
-        colours, option = ("a negative", "add :inverted") if board.printed.inverted else ("not a negative", "leave :inverted out")
-        notes.append(f"The board is {colours}: {option} in the spec to say so.")
-    return Detection(target.point_ids[board.corners.index], board.corners.uv, notes=tuple(notes))
+        colours, option = ("a", "add :inverted") if board.printed.inverted else ("not a", "leave :inverted out")
+        notes.append(f"The board is {colours} negative: {option} in the spec to say so.")
+    return Detection(target.point_ids[board.corners.index], board.corners.uv, board.corners.sigma_px, notes=tuple(notes))

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.detect import saddle
 from calibrant.detect.detection import Grey
 from calibrant.detect.local_homography import LocalMaps, fit_local_maps
 from calibrant.detect.opencv import Markers, refine_corners, sample
@@ -22,9 +23,11 @@ Array = NDArray[np.float64]
 # How far the markers' corners and refined corners are trusted, px: contour corners are whole pixels on a blurred edge.
 MARKER_SIGMA_PX = 1.0
 CORNER_SIGMA_PX = 0.2
-# Correlation of the grey values around a corner with the pattern of light and dark there. Noise alone on 20 samples
-# exceeds 0.7 less than once in a thousand; a blurred or noisy corner stays above 0.8.
-PATTERN_CORRELATION = 0.7
+# Correlation of the grey values around a corner with the pattern of light and dark there. Half a corner, its other half
+# behind something of one grey, has sqrt(1/2) = 0.71; a blurred or noisy whole one stays above 0.8.
+PATTERN_CORRELATION = 0.78
+# Samples of each of the four squares, of five, that must lie in the picture.
+LEAST_SAMPLES = 3
 # Light and dark squares differ by this many grey levels at least: a few times the noise of a camera in poor light.
 CONTRAST = 8.0
 # A corner may move this far from its prediction, squares: half-way to anything else that looks like a corner would be
@@ -34,22 +37,27 @@ MOVE_SQUARES = 0.25
 AGREEMENT_SQUARES = 0.08
 # A corner that was looked for this often in vain, from better and better predictions, is hidden.
 ATTEMPTS = 3
+# Both refinements look at the same edges: where they differ by more, one of them is on something else.
+SHARPENING_PX = 1.5
+# What a corner is worth that only the rough refinement could place.
+ROUGH_SIGMA_PX = 0.5
 HALF_WINDOWS_PX = (2, 10)
 
 
 @dataclass(frozen=True, eq=False)
 class Corners:
-    """Corners found: index (n,) into the target's points; uv (n, 2) px."""
+    """Corners found: index (n,) into the target's points; uv (n, 2) px; sigma_px (n,) per axis."""
 
     index: NDArray[np.int64]
     uv: Array
+    sigma_px: Array
 
     def __len__(self) -> int:
         return len(self.index)
 
     def subset(self, keep: NDArray[np.bool_]) -> Corners:
         """The corners where keep (n,) is true."""
-        return Corners(self.index[keep], self.uv[keep])
+        return Corners(self.index[keep], self.uv[keep], self.sigma_px[keep])
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +110,26 @@ def grow_corners(grey: Grey, target: Charuco, anchors: Anchors) -> Corners:
         uv[new] = refined[good]
         known = known.joined(places[new], uv[new], CORNER_SIGMA_PX)
     found = np.flatnonzero(~np.isnan(uv[:, 0]))
-    return _agreeing(Corners(found, uv[found]), target, anchors)
+    rough = Corners(found, uv[found], np.full(len(found), CORNER_SIGMA_PX))
+    return _agreeing(_sharpened(grey, rough, target, known), target, anchors)
+
+
+def _sharpened(grey: Grey, corners: Corners, target: Charuco, known: Anchors) -> Corners:
+    """Corners refined to their full accuracy, each with its own sigma.
+
+    Where the model of two blurred edges does not fit (a moving board), the rough corner stays, with a large sigma.
+    """
+    if len(corners) == 0:
+        return corners
+    # The refinement looks at WINDOW of the steps it is given: steps are shortened so that it ends before the markers.
+    gap = 0.5 * (1.0 - target.marker / target.square)
+    per_square = known.maps_at(target.points[corners.index, :2] / target.square).px_per_square
+    steps = np.swapaxes(per_square, 1, 2).reshape(-1, 4) * min(1.0, gap / saddle.WINDOW)
+    refined = saddle.refine(grey, corners.uv, steps, ~_light_at_top_left(target, corners.index))
+    moved = np.linalg.norm(refined.uv - corners.uv, axis=1)
+    fits = refined.converged & (moved < SHARPENING_PX) & (refined.sigma_px < ROUGH_SIGMA_PX)
+    uv = np.where(fits[:, None], refined.uv, corners.uv)
+    return Corners(corners.index, uv, np.where(fits, refined.sigma_px, ROUGH_SIGMA_PX))
 
 
 def find_corners(
@@ -116,9 +143,9 @@ def find_corners(
     for window in np.unique(half[inside]):
         chosen = inside & (half == window)
         refined[chosen] = refine_corners(grey, start[chosen], int(window))
-    px_per_square = maps.px_per_square
-    size = np.sqrt(np.abs(np.linalg.det(px_per_square)))
-    good = inside & (np.linalg.norm(refined - start, axis=1) < MOVE_SQUARES * size)
+    moved = np.linalg.norm(refined - start, axis=1)
+    # The refinement gives a start back untouched when it ran out of the window.
+    good = inside & (moved > 0) & (moved < MOVE_SQUARES * maps.square_px)
     good[good] = shows_corner(grey, target, index[good], maps.subset(good), refined[good])
     return refined, good
 
@@ -147,12 +174,15 @@ def shows_corner(
     expected = turn[None] * np.where(light, 1.0, -1.0)[:, None]
     around = maps.pixels(offsets) + (uv - maps.centres)[:, None]
     value = sample(grey, around)
-    centred = value - value.mean(axis=1, keepdims=True)
-    # The pattern has as many light as dark samples: its mean is 0 and its norm sqrt(m).
-    projection = (centred * expected).mean(axis=1)
-    correlation = projection / np.maximum(np.sqrt((centred**2).mean(axis=1)), 1e-9)
-    whole = np.all(_inside(around, grey.shape), axis=1)
-    return whole & (correlation > PATTERN_CORRELATION) & (2.0 * projection > CONTRAST)
+    inside = _inside(around, grey.shape)
+    count = np.maximum(inside.sum(axis=1, keepdims=True), 1)
+    value = np.where(inside, value - (value * inside).sum(axis=1, keepdims=True) / count, 0.0)
+    pattern = np.where(inside, expected - (expected * inside).sum(axis=1, keepdims=True) / count, 0.0)
+    product, energy = (value * pattern).sum(axis=1), (pattern**2).sum(axis=1)
+    correlation = product / np.maximum(np.sqrt((value**2).sum(axis=1) * energy), 1e-9)
+    contrast = 2.0 * product / np.maximum(energy, 1e-9)
+    enough = np.all(inside.reshape(len(index), 4, -1).sum(axis=2) >= LEAST_SAMPLES, axis=1)
+    return enough & (correlation > PATTERN_CORRELATION) & (contrast > CONTRAST)
 
 
 def _probe(target: Charuco) -> tuple[Array, Array]:
@@ -178,7 +208,7 @@ def _agreeing(corners: Corners, target: Charuco, anchors: Anchors) -> Corners:
         here = corner_anchors(corners, target)
         # Few corners do not determine each other; the markers then help, at their lower weight.
         maps = here.joined(anchors.xy, anchors.uv, MARKER_SIGMA_PX).maps_at(here.xy)
-        size = np.sqrt(np.abs(np.linalg.det(maps.px_per_square)))
+        size = maps.square_px
         error = np.linalg.norm(corners.uv - maps.centres, axis=1) / np.maximum(size, 1e-9)
         # Whole pixels cannot be told apart from agreement on tiny boards: allow for the refinement's own error too.
         allowed = np.maximum(AGREEMENT_SQUARES, 1.0 / np.maximum(size, 1e-9))

@@ -2,10 +2,79 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from calibrant.detect.detection import Detection, Grey
-from calibrant.detect.opencv import Markers
+from calibrant.detect.opencv import Markers, find_markers_of
 from calibrant.targets.charuco import Charuco
+from calibrant.targets.dictionaries import DICTIONARIES
+
+# One of each family: the smaller dictionaries of a size are the first markers of its largest.
+_FAMILIES = (
+    "DICT_4X4_1000",
+    "DICT_5X5_1000",
+    "DICT_6X6_1000",
+    "DICT_7X7_1000",
+    "DICT_ARUCO_ORIGINAL",
+    "DICT_APRILTAG_36h11",
+    "DICT_APRILTAG_25h9",
+    "DICT_APRILTAG_16h5",
+    "DICT_ARUCO_MIP_36h12",
+)
+# Small dictionaries are misread in texture now and then; three different markers of one are no accident.
+_LEAST_OTHER_MARKERS = 3
+# A board of another dictionary is named from an image of about this many pixels along its longer side.
+_LOOK_SIDE_PX = 1000
 
 
 def why_not_found(grey: Grey, target: Charuco, markers: Markers) -> Detection:
-    return Detection.nothing("x")
+    """No points, and the reason in words.
+
+    Args: markers, the most that were read of the target's dictionary.
+    """
+    ids = np.unique(markers.ids)
+    last = target.marker_count - 1
+    size = f"{target.columns}x{target.rows}"
+    if len(ids[ids > last]) >= _LEAST_OTHER_MARKERS:
+        return Detection.nothing(
+            f"markers of {target.dictionary} with ids up to {ids[-1]} seen, a board of {size} squares has 0..{last}; "
+            "give the board's real size in squares",
+            looks_like=f"a ChArUco board with ids up to {ids[-1]}",
+        )
+    on_board = int(np.count_nonzero(ids <= last))
+    if on_board >= _LEAST_OTHER_MARKERS:
+        return Detection.nothing(
+            f"{on_board} markers of the board seen, but they do not lie as on a board of {size} squares, or too few "
+            "corners between them are in the picture; check the size in squares and its order, columns x rows"
+        )
+    other = _other_dictionary(grey, target)
+    if other is not None:
+        return Detection.nothing(
+            f"markers of {other} seen, you asked for {target.dictionary}",
+            looks_like=f"a ChArUco board with {other}",
+        )
+    if on_board:
+        return Detection.nothing(
+            f"only {on_board} of the board's {last + 1} markers seen, two that touch the same corners are needed"
+        )
+    return Detection.nothing(f"no markers of {target.dictionary} seen")
+
+
+def _other_dictionary(grey: Grey, target: Charuco) -> str | None:
+    """The dictionary most of whose markers are in the picture, the smallest that holds their ids; None without one."""
+    found = find_markers_of(grey, _FAMILIES, factor=max(1, round(max(grey.shape) / _LOOK_SIDE_PX)))
+    counts = {name: len(np.unique(markers.ids)) for name, markers in found.items()}
+    if not counts or max(counts.values()) < _LEAST_OTHER_MARKERS:
+        return None
+    family = max(counts, key=lambda name: counts[name])
+    highest = int(found[family].ids.max())
+    smallest = next(name for name in _members(family) if DICTIONARIES[name].capacity > highest)
+    return None if smallest == target.dictionary or target.dictionary in _members(family) else smallest
+
+
+def _members(family: str) -> list[str]:
+    """The dictionaries whose markers are all in a family's largest, smallest first."""
+    stem = family.removesuffix("_1000")
+    if stem == family:
+        return [family]
+    return [f"{stem}_{size}" for size in (50, 100, 250, 1000)]

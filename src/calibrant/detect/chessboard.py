@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from calibrant.detect.chessboard_corners import find_corners
+from calibrant.detect.chessboard_corners import MOST_CANDIDATES, find_corners
 from calibrant.detect.chessboard_grid import Grid, grow_grids, turned
 from calibrant.detect.chessboard_links import neighbours
 from calibrant.detect.chessboard_snap import predict
@@ -29,6 +29,9 @@ FIRST_LONGEST_PX = 800
 """Longest side of the first scale tried: quick, and the squares of a 30x20 board that fills it still measure 20 px."""
 LEAST_SHORTEST_PX = 100
 """Shortest side of the coarsest scale: a 3x3 board that fills it has squares of 25 px."""
+FEW, FEWEST = 4, 200
+"""Saddles looked at first, for each corner of the board and on top: a board is among the most pronounced things in a
+picture unless it lies in the shade, and then all are looked at."""
 LEAST_SEEN = 0.8
 """Of a board's corners; the others may be hidden by glare or a finger. With fewer, its extent is a guess."""
 LEAST_LOOK = 12
@@ -60,13 +63,15 @@ class ChessboardDetector:
             raise InputError(f"the chessboard detector was given a target of kind {target.kind!r}")
         others: list[_Found] = []
         for factor in scales(grey.shape[1], grey.shape[0]):
-            found = _grids(grey, factor, target)
-            others += found
-            for candidate in sorted(found, key=lambda f: -f.area):
-                if sorted(candidate.grid.shape) == sorted((target.rows, target.columns)):
-                    detection = _numbered(grey, candidate, target)
-                    if detection.found:
-                        return detection
+            level = _level(grey, factor)
+            for most in (FEW * target.rows * target.columns + FEWEST, MOST_CANDIDATES):
+                found = _grids(level, factor, most, target)
+                others += found
+                for candidate in sorted(found, key=lambda f: -f.area):
+                    if sorted(candidate.grid.shape) == sorted((target.rows, target.columns)):
+                        detection = _numbered(grey, candidate, target)
+                        if detection.found:
+                            return detection
         return _not_found(others, target)
 
 
@@ -79,12 +84,15 @@ def scales(width: int, height: int) -> list[int]:
     return list(dict.fromkeys([first, *finer, *coarser]))
 
 
-def _grids(grey: Grey, factor: int, target: Chessboard) -> list[_Found]:
-    h, w = grey.shape
-    level = grey[: h - h % factor, : w - w % factor]
-    if factor > 1:
-        level = np.asarray(cv2.resize(level, (w // factor, h // factor), interpolation=cv2.INTER_AREA), np.uint8)
-    corners = find_corners(level)
+def _level(grey: Grey, factor: int) -> Grey:
+    h, w = grey.shape[0] // factor, grey.shape[1] // factor
+    if factor == 1:
+        return grey
+    return np.asarray(cv2.resize(grey[: h * factor, : w * factor], (w, h), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _grids(level: Grey, factor: int, most: int, target: Chessboard) -> list[_Found]:
+    corners = find_corners(level, most=most)
     grids = grow_grids(corners, neighbours(corners), least=min(6, target.rows * target.columns // 2))
     # Pixel i of the small image covers pixels factor * i ... factor * (i + 1) - 1 of the large one.
     shift = 0.5 * (factor - 1)
@@ -120,7 +128,7 @@ def _refined(grey: Grey, grid: Grid, factor: int) -> Refined:
         grid.xy[grid.known],
         steps[:, 2:],
         dark,
-        radius_px=max(8.0, 3.0 * factor),
+        radius_px=max(6.0, 3.0 * factor),
         blur_px=max(1.0, 0.5 * factor),
     )
 

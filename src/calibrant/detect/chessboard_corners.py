@@ -34,7 +34,7 @@ LEAST_CONTRAST = 3.0
 """Half the difference between dark and light, grey levels: three times the rounding of 8 bits after smoothing."""
 LEAST_ANGLE = math.radians(15)
 """Between the edges of a corner: a board tilted by 75 degrees about a square's diagonal. Flatter ones are useless."""
-MOST_CANDIDATES = 3000
+MOST_CANDIDATES = 4000
 """Keeps the search for neighbours short on pictures of gravel; a board of 30x20 has 600 corners."""
 
 
@@ -57,19 +57,22 @@ class Corners:
         return len(self.xy)
 
 
-def find_corners(level: NDArray[np.uint8]) -> Corners:
-    """Candidates in a grey image (h, w)."""
+def find_corners(level: NDArray[np.uint8], *, most: int = MOST_CANDIDATES) -> Corners:
+    """Candidates in a grey image (h, w); only the `most` pronounced saddles are looked at from all sides."""
     smooth = _smooth(level)
     # A corner of half-contrast c blurred by s has I_xy = (2 / pi) c / s^2 at its centre; here s is the smoothing with
     # as much blur again in the picture (variances add).
     blur_variance = 2 * SMOOTHING_PX**2 + 0.5
     least = (2 / math.pi * LEAST_CONTRAST / blur_variance) ** 2
-    maxima = _saddles(smooth, least)
-    passed, axes, contrast = _ring_tests(smooth, maxima)
-    order = np.nonzero(passed)[0]
-    if len(order) > MOST_CANDIDATES:
-        order = order[np.argsort(-contrast[order], kind="stable")[:MOST_CANDIDATES]]
-    return Corners(smooth, maxima[order], axes[order], contrast[order], maxima[~passed])
+    maxima, response = _saddles(smooth, least)
+    if len(maxima) > most:
+        pronounced = response >= np.partition(response, len(response) - most)[len(response) - most]
+        examined, rest = maxima[pronounced], maxima[~pronounced]
+    else:
+        examined, rest = maxima, maxima[:0]
+    passed, axes, contrast = _ring_tests(smooth, examined)
+    weak = np.concatenate([examined[~passed], rest])
+    return Corners(smooth, examined[passed], axes[passed], contrast[passed], weak)
 
 
 def _smooth(level: NDArray[np.uint8]) -> Image:
@@ -78,8 +81,8 @@ def _smooth(level: NDArray[np.uint8]) -> Image:
     return sixteenths.astype(np.float32) * np.float32(1 / 16)
 
 
-def _saddles(image: Image, least: float) -> Array:
-    """Saddle points (n, 2) as x, y where S is above `least` and largest within two pixels."""
+def _saddles(image: Image, least: float) -> tuple[Array, Array]:
+    """Saddle points (n, 2) as x, y, and S (n,), where it is above `least` and largest within two pixels."""
     response = np.zeros_like(image)
     _respond(image, response)
     largest = cv2.dilate(response, np.ones((5, 5), np.uint8))
@@ -102,10 +105,15 @@ def _respond(image, response):  # type: ignore[no-untyped-def]
             response[y, x] = np.float32(1 / 16) * xy * xy - xx * yy
 
 
-@njit("float64[:, ::1](float32[:, ::1], int64[::1], int64[::1])", cache=True, nogil=True, error_model="numpy")
+@njit(
+    "Tuple((float64[:, ::1], float64[::1]))(float32[:, ::1], int64[::1], int64[::1])",
+    cache=True,
+    nogil=True,
+    error_model="numpy",
+)
 def _centres(image, xs, ys):  # type: ignore[no-untyped-def]
-    """Where the gradient vanishes near each pixel: (n, 2); without those where it vanishes elsewhere."""
-    found = np.empty((len(xs), 2))
+    """Where the gradient vanishes near each pixel: (n, 2), and S; without those where it vanishes elsewhere."""
+    found, strength = np.empty((len(xs), 2)), np.empty(len(xs))
     n = 0
     for k in range(len(xs)):
         x, y = xs[k], ys[k]
@@ -121,8 +129,9 @@ def _centres(image, xs, ys):  # type: ignore[no-untyped-def]
         if abs(dx) <= LARGEST_OFFSET_PX and abs(dy) <= LARGEST_OFFSET_PX:
             found[n, 0] = x + dx
             found[n, 1] = y + dy
+            strength[n] = s
             n += 1
-    return found[:n].copy()
+    return found[:n].copy(), strength[:n].copy()
 
 
 _ANGLES = 2 * np.pi * np.arange(RING_SAMPLES) / RING_SAMPLES

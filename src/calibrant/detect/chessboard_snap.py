@@ -14,7 +14,7 @@ from numba import njit
 SNAP = 0.25
 """How far from its prediction a corner may lie, over the distance of its neighbours: half way to a square's middle."""
 LEAST_CONTRAST = 0.25
-"""Between dark and light squares around a corner, over that of the grid: glare takes some, the board's end takes all."""
+"""Between dark and light squares around a corner, over that of the grid: glare takes some, its end takes all."""
 
 
 @njit("UniTuple(float64, 3)(float64[:, :, ::1], int64, int64, int64, int64)", cache=True, nogil=True)

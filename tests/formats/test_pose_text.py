@@ -127,6 +127,7 @@ MATRIX = "r11,r12,r13,r21,r22,r23,r31,r32,r33,x,y,z\n"
         (HEADER, "a header but no poses"),
         (HEADER + GOOD + "b,nan,0,0,0,0,0,1\n", r"p\.csv:3: NaN or infinity"),
         (HEADER + GOOD + "b,inf,0,0,0,0,0,1\n", r"p\.csv:3: NaN or infinity"),
+        (HEADER + GOOD + "b,1e300,0,0,0,0,0,1\n", r"p\.csv:3: column 'x' is 1e\+300, beyond any length or angle"),
         (HEADER + GOOD + "b,x7,0,0,0,0,0,1\n", r"p\.csv:3: column 'x' is 'x7', expected a number"),
         (HEADER + GOOD + "b,,0,0,0,0,0,1\n", r"p\.csv:3: column 'x' is empty, expected a number"),
         (HEADER + GOOD + "b,0,0,0,0,0,0,0\n", r"p\.csv:3: a quaternion of norm 0"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -18,6 +19,9 @@ Cell = str | float | int | None
 
 MATRIX_TOLERANCE = 2e-3
 """Largest |R R^T - I| of a rotation whose elements were rounded to three decimals: 2 sqrt(3) 0.0005 = 0.0017."""
+
+_LARGEST = 1e9
+"""A thousand kilometres in millimetres; larger numbers are slips, and their squares would overflow."""
 
 MATRIX_NAMES = tuple(f"m{i}{j}" for i in range(1, 5) for j in range(1, 5))
 
@@ -142,10 +146,15 @@ def _number(cell: Cell, column: str, where: str) -> float:
     try:
         if isinstance(cell, bool) or cell is None:
             raise ValueError
-        return float(cell)
+        value = float(cell)
     except (TypeError, ValueError) as error:
         found = "empty" if cell is None or cell == "" else repr(cell)
         raise InputError(f"{where}: column {column.strip()!r} is {found}, expected a number") from error
+    if math.isfinite(value) and abs(value) > _LARGEST:
+        raise InputError(
+            f"{where}: column {column.strip()!r} is {value:g}, beyond any length or angle; correct the line"
+        )
+    return value
 
 
 def _counts(rows: Sequence[Sequence[Cell]]) -> bool:

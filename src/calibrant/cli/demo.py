@@ -67,8 +67,7 @@ def _print(outcome: DemoOutcome, out: Path) -> None:
     console.print(comparison(outcome))
     for name, path in outcome.files.items():
         console.print(Text(f"{name:<12} {path}"), soft_wrap=True)
-    repeat = (
-        f"calibrant hand-eye --images {out / 'images'} --poses {out / 'poses.csv'} --target {outcome.cell.target.spec}"
-    )
+    inputs = f"--images {out / 'images'} --poses {out / 'poses.csv'} --target {outcome.cell.target.spec}"
+    repeat = f"calibrant hand-eye {inputs} --setup {outcome.cell.setup}"
     console.print(Text(f"\nThe same from the files alone:\n  {repeat}"), soft_wrap=True)
     console.print(Text(f"Took {sum(outcome.seconds.values()):.0f} s."))

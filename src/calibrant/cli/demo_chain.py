@@ -58,7 +58,9 @@ def run_demo(folder: Path, *, seed: int, views: int, setup: Setup, quiet: bool =
     with session.progress("Photographing the board", quiet=quiet) as step:
         images, poses = photograph(cell, folder, progress=lambda done, total: step(done, total, ""))
     clock.lap("photograph")
-    request = Request(poses=(str(poses),), images=(str(images[0].parent),), target=cell.target.spec, quiet=quiet)
+    request = Request(
+        poses=(str(poses),), images=(str(images[0].parent),), target=cell.target.spec, setup=setup, quiet=quiet
+    )
     hand_eye = calibrate(request)
     clock.lap("detect and calibrate")
     if hand_eye.observations is None or len(hand_eye.transforms) != 2:

@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from tests.detect.charuco_scenes import facing, photograph
 
 from calibrant.cameras.camera import Camera
 from calibrant.detect.charuco import CharucoDetector
@@ -18,7 +19,6 @@ from calibrant.detect.detection import Detection
 from calibrant.detect.opencv import charuco_corners
 from calibrant.targets.charuco import Charuco
 from calibrant.targets.registry import parse_target
-from tests.detect.charuco_scenes import facing, photograph
 
 BOARD = Charuco(7, 6, 0.04, 0.028, "DICT_5X5_100")
 WHOLE = 0.75 * np.array([[90.0, 70.0], [560.0, 40.0], [600.0, 430.0], [60.0, 400.0]])
@@ -67,7 +67,7 @@ def test_corners_are_more_accurate_than_opencvs() -> None:
 
 
 def test_part_of_a_board_keeps_its_numbers() -> None:
-    image, truth = photograph(BOARD, facing(BOARD, quad=WHOLE + [210.0, 110.0]))
+    image, truth = photograph(BOARD, facing(BOARD, quad=WHOLE + np.array([210.0, 110.0])))
     found = detect(image)
     h, w = image.shape
     clear = np.all((truth > 12) & (truth < np.array([w, h]) - 12), axis=1)

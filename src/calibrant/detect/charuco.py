@@ -135,4 +135,6 @@ def _detection(target: Charuco, board: _Board) -> Detection:
     if board.printed.inverted != target.inverted:
         colours, option = ("a", "add :inverted") if board.printed.inverted else ("not a", "leave :inverted out")
         notes.append(f"The board is {colours} negative: {option} in the spec to say so.")
-    return Detection(target.point_ids[board.corners.index], board.corners.uv, board.corners.sigma_px, notes=tuple(notes))
+    return Detection(
+        target.point_ids[board.corners.index], board.corners.uv, board.corners.sigma_px, notes=tuple(notes)
+    )

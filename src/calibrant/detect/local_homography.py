@@ -20,6 +20,8 @@ REACH_SQUARES = 1.2
 # Prior of the perspective terms: the scale of a board changes by about a tenth from square to square at most. It keeps
 # them quiet where the points do not determine them.
 PERSPECTIVE_SIGMA = 0.1
+# A prediction is of use when twice its sigma stays within a quarter of a square: the next corner is a square away.
+DETERMINED_SQUARES = 0.12
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,12 +29,12 @@ class LocalMaps:
     """Homographies at n places: (dx, dy) squares from the place -> pixels.
 
     u = u0 + (h0 dx + h1 dy + h2) / (1 + h6 dx + h7 dy), v likewise with h3, h4, h5. h (n, 8); origin_px (n, 2);
-    determined (n,): whether the points around a place fix its map.
+    sigma_px (n,): standard deviation of a place's pixel per axis, from the points' own; large where they say little.
     """
 
     h: Array
     origin_px: Array
-    determined: NDArray[np.bool_]
+    sigma_px: Array
 
     @property
     def centres(self) -> Array:
@@ -47,6 +49,16 @@ class LocalMaps:
         along_v = h[:, 3:5] - h[:, 5:6] * h[:, 6:8]
         return np.stack([along_u, along_v], axis=1)
 
+    @property
+    def square_px(self) -> Array:
+        """Side of a square at the places, (n,): the root of its area, pixels."""
+        return np.sqrt(np.abs(np.linalg.det(self.px_per_square)))
+
+    @property
+    def determined(self) -> NDArray[np.bool_]:
+        """Whether the points around a place fix its map, (n,)."""
+        return self.sigma_px < DETERMINED_SQUARES * self.square_px
+
     def pixels(self, offsets: Array) -> Array:
         """Pixels (n, m, 2) of the offsets (m, 2) or (n, m, 2), squares, from each place."""
         dx, dy = np.moveaxis(np.broadcast_to(offsets, (len(self.h), *offsets.shape[-2:])), -1, 0)
@@ -58,7 +70,7 @@ class LocalMaps:
 
     def subset(self, keep: NDArray[np.bool_]) -> LocalMaps:
         """The maps where keep (n,) is true."""
-        return LocalMaps(self.h[keep], self.origin_px[keep], self.determined[keep])
+        return LocalMaps(self.h[keep], self.origin_px[keep], self.sigma_px[keep])
 
 
 def fit_local_maps(places: Array, xy: Array, uv: Array, sigma_px: Array) -> LocalMaps:
@@ -79,7 +91,7 @@ def fit_local_maps(places: Array, xy: Array, uv: Array, sigma_px: Array) -> Loca
     return LocalMaps(*_solve(d, uv[nearest], weight))
 
 
-def _solve(d: Array, uv: Array, weight: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _solve(d: Array, uv: Array, weight: Array) -> tuple[Array, Array, Array]:
     n, k = weight.shape
     total = np.maximum(weight.sum(axis=1), 1e-300)
     origin = np.einsum("nk,nki->ni", weight, uv) / total[:, None]
@@ -92,11 +104,9 @@ def _solve(d: Array, uv: Array, weight: Array) -> tuple[Array, Array, NDArray[np
     g = np.einsum("nk,nkia,nki->na", weight, A, centred, optimize=True)
     N[:, 6, 6] += 1.0 / PERSPECTIVE_SIGMA**2
     N[:, 7, 7] += 1.0 / PERSPECTIVE_SIGMA**2
-    # A map needs points that spread in two directions: the smaller spread about their mean at least a tenth of a
-    # square, else the direction across is guessed from corner noise.
-    mean = np.einsum("nk,nki->ni", weight, d) / total[:, None]
-    spread = np.einsum("nk,nki,nkj->nij", weight, d - mean[:, None], d - mean[:, None]) / total[:, None, None]
-    determined = (np.linalg.eigvalsh(spread)[:, 0] > 0.1**2) & (np.count_nonzero(weight > 0, axis=1) >= 4)
-    N[~determined] = np.eye(8)
-    h = np.linalg.solve(N, g[..., None])[..., 0]
-    return h, origin, determined
+    # Points on one line leave a direction open: this gives it a sigma of 1000 px instead of a division by zero.
+    N[:, np.arange(6), np.arange(6)] += 1000.0**-2
+    cofactors = np.linalg.inv(N)
+    h = np.einsum("nab,nb->na", cofactors, g)
+    sigma = np.sqrt(np.maximum(cofactors[:, 2, 2], cofactors[:, 5, 5]))
+    return h, origin, sigma

@@ -15,10 +15,12 @@ from calibrant.targets.charuco import Charuco
 Array = NDArray[np.float64]
 
 # Markers are compared with those up to this many squares away: the diagonal neighbours and the next ones in the row.
-NEIGHBOUR_SQUARES = 2.9
-# A marker's corners are good to about 1 px in 15 to 60 px of side; predicted two squares away that is up to a third of
-# a side. A misread marker is off by whole squares.
-AGREEMENT_SIDES = 0.4
+NEIGHBOUR_SQUARES = 2.1
+# A marker's corners are good to about 1 px in 15 px of side at worst: 7 % of the way to a neighbour, 0.15 squares at
+# two squares. A misread marker is off by whole squares.
+AGREEMENT_SQUARES = 0.35
+# Neighbours' sides, as vectors, differ by perspective and by that same pixel; turned or misread ones by all of a side.
+AGREEMENT_SIDES = 0.5
 # A marker counts as read when at most this part of its cells is wrong: the smallest dictionary (4x4) keeps its markers
 # 2 cells in 16 apart at least, and a random patch has half of them wrong.
 WRONG_CELLS = 0.13
@@ -29,27 +31,32 @@ _SUBCELLS = 0.25 * np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0],
 def agreeing_group(markers: Markers, target: Charuco) -> NDArray[np.bool_]:
     """The largest group of markers linked by agreement with a neighbour, as a mask (n,); none when no two agree.
 
-    Two markers agree when each one's homography puts the other where it was seen.
+    Two markers agree when their sides are alike and, stepping from one to the other by the mean of both, one arrives
+    where it was seen: c_j = c_i + (J_i + J_j) / 2 (x_j - x_i), exact to second order in the change of J. A marker's
+    own homography is not used: its perspective, from four corners good to a pixel, does not carry that far.
     """
-    on_board = (markers.ids >= 0) & (markers.ids < target.marker_count)
     mask = np.zeros(len(markers), dtype=bool)
-    index = np.flatnonzero(on_board)
+    index = np.flatnonzero((markers.ids >= 0) & (markers.ids < target.marker_count))
     if len(index) < 2:
         return mask
-    corners = target.marker_corners[markers.ids[index]] / target.square
-    side = target.marker / target.square
+    xy = target.marker_squares[markers.ids[index]] + 0.5
     seen = markers.corners[index]
-    in_marker_units = (corners[None] - corners[:, None, None, 0]) / side
-    predicted = map_from_unit_square(seen, in_marker_units)
-    size_px = np.sqrt(0.5 * np.abs(_cross(seen[:, 2] - seen[:, 0], seen[:, 3] - seen[:, 1])))
-    error = np.linalg.norm(predicted - seen[None], axis=-1).max(axis=-1)
-    distance = np.abs(corners[None, :, 0] - corners[:, None, 0]).max(axis=-1)
-    close = (distance < NEIGHBOUR_SQUARES) & (distance > 0)
-    ok = close & (error < AGREEMENT_SIDES * size_px[None]) & (error.T < AGREEMENT_SIDES * size_px[:, None])
-    first, second = np.nonzero(ok)
+    centre = seen.mean(axis=1)
+    along_x = 0.5 * (seen[:, 1] - seen[:, 0] + seen[:, 2] - seen[:, 3])
+    along_y = 0.5 * (seen[:, 3] - seen[:, 0] + seen[:, 2] - seen[:, 1])
+    J = np.stack([along_x, along_y], axis=-1) * (target.square / target.marker)
+    step = xy[None] - xy[:, None]
+    arrived = centre[:, None] + 0.5 * np.einsum("ijab,ijb->ija", J[:, None] + J[None], step)
+    square_px = np.linalg.norm(J, axis=(1, 2)) / np.sqrt(2.0)
+    smaller = np.minimum(square_px[:, None], square_px[None])
+    distance = np.abs(step).max(axis=-1)
+    close = (distance > 0) & (distance < NEIGHBOUR_SQUARES)
+    alike = np.linalg.norm(J[:, None] - J[None], axis=(2, 3)) < AGREEMENT_SIDES * np.sqrt(2.0) * smaller
+    there = np.linalg.norm(arrived - centre[None], axis=-1) < AGREEMENT_SQUARES * smaller
+    first, second = np.nonzero(close & alike & there)
     if len(first) == 0:
         return mask
-    graph = coo_matrix((np.ones(len(first)), (first, second)), shape=ok.shape)
+    graph = coo_matrix((np.ones(len(first)), (first, second)), shape=close.shape)
     label = connected_components(graph, directed=False)[1]
     mask[index[label == np.argmax(np.bincount(label))]] = True
     return mask

@@ -20,7 +20,7 @@ from calibrant.targets.dictionaries import dictionary_name
 
 Array = NDArray[np.float64]
 
-# Search windows of the adaptive threshold, pixels. One of a few pixels finds thin and small borders, one of 23 wide ones.
+# Search windows of the adaptive threshold, pixels: a few pixels find thin and small borders, 23 find wide ones.
 FINE_WINDOWS = (7,)
 ALL_WINDOWS = (7, 23)
 
@@ -88,7 +88,8 @@ def shrink(grey: Grey, factor: int) -> Grey:
 def find_markers(grey: Grey, name: str, *, factor: int = 1, windows: tuple[int, ...] = ALL_WINDOWS) -> Markers:
     """Markers of a dictionary, upright or as a negative, searched in the image made smaller by `factor`.
 
-    Pixel (0, 0) is the centre of the top left pixel at either size: u_full = factor * (u_small + 1/2) - 1/2.
+    Pixel (0, 0) is the centre of the top left pixel at either size: u_full = factor * (u_small + 1/2) - 1/2. Corners are
+    rough: contour corners, inside wide borders by up to half a window.
     """
     corners, ids, _ = _detector((name,), windows).detectMarkers(shrink(grey, factor))
     found = Markers.of(corners, ids)

@@ -1,0 +1,77 @@
+"""The shim over OpenCV gives the same on every version it promises."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from tests.detect.charuco_scenes import facing, photograph
+
+from calibrant.detect import opencv
+from calibrant.errors import InputError
+from calibrant.targets.charuco import Charuco
+from calibrant.targets.dictionaries import DICTIONARIES
+
+
+def test_the_version_is_one_we_promise() -> None:
+    major, minor = (int(n) for n in cv2.__version__.split(".")[:2])
+    assert (4, 12) <= (major, minor) < (6, 0)
+
+
+@pytest.mark.parametrize("name", DICTIONARIES)
+def test_every_dictionarys_cells_are_read_back_by_its_detector(name: str) -> None:
+    last = DICTIONARIES[name].capacity - 1
+    cells = opencv.marker_cells(name, last)
+    assert cells.shape == (DICTIONARIES[name].bits + 2,) * 2
+    assert not cells[0].any()
+    assert not cells[:, -1].any()
+    image = np.pad(np.kron(cells.astype(np.uint8) * 255, np.ones((12, 12), np.uint8)), 40, constant_values=255)
+    found = opencv.find_markers(image, name)
+    assert last in found.ids
+    side = 12.0 * cells.shape[0]
+    at = found.corners[found.ids.tolist().index(last)]
+    # Corners come from the contours of a threshold with a window of 7 px: up to half of it inside the marker.
+    np.testing.assert_allclose(at, 40.0 + side * np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) - 0.5, atol=3.6)
+
+
+def test_a_smaller_image_gives_pixels_of_the_full_one() -> None:
+    cells = opencv.marker_cells("DICT_6X6_250", 7)
+    image = np.pad(np.kron(cells.astype(np.uint8) * 255, np.ones((20, 20), np.uint8)), 50, constant_values=255)
+    full = opencv.find_markers(image, "DICT_6X6_250")
+    half = opencv.find_markers(image, "DICT_6X6_250", factor=2)
+    assert full.ids.tolist() == half.ids.tolist() == [7]
+    np.testing.assert_allclose(half.corners, full.corners, atol=2 * 3.6)
+
+
+def test_several_dictionaries_in_one_search() -> None:
+    image = np.full((200, 420), 255, np.uint8)
+    for x, name in ((30, "DICT_4X4_50"), (230, "DICT_APRILTAG_36h11")):
+        cells = opencv.marker_cells(name, 3)
+        drawn = np.kron(cells.astype(np.uint8) * 255, np.ones((14, 14), np.uint8))
+        image[40 : 40 + len(drawn), x : x + len(drawn)] = drawn
+    found = opencv.find_markers_of(image, ("DICT_5X5_1000", "DICT_4X4_1000", "DICT_APRILTAG_36h11"))
+    assert {name: markers.ids.tolist() for name, markers in found.items()} == {
+        "DICT_4X4_1000": [3],
+        "DICT_APRILTAG_36h11": [3],
+    }
+    assert opencv.find_markers_of(np.full((90, 90), 9, np.uint8), ("DICT_4X4_50", "DICT_5X5_50")) == {}
+
+
+def test_samples_are_bilinear_with_pixel_centres_at_whole_numbers() -> None:
+    image = np.array([[0, 100], [200, 40]], np.uint8)
+    values = opencv.sample(image, np.array([[[0.0, 0.0], [1.0, 0.0], [0.5, 0.0], [0.5, 0.5], [-3.0, 0.0]]]))
+    np.testing.assert_allclose(values, [[0, 100, 50, 85, 0]], atol=0.51)
+
+
+def test_opencvs_charuco_corners_lie_half_a_pixel_off() -> None:
+    """What the comparison with OpenCV has to take off; a version without the offset is a change to be noticed."""
+    target = Charuco(5, 4, 0.04, 0.02, "DICT_5X5_100")
+    image, truth = photograph(target, facing(target, quad=np.array([[60.0, 40], [420, 50], [410, 320], [70, 310]])))
+    ids, uv = opencv.charuco_corners(image, target)
+    assert len(ids) == 12
+    np.testing.assert_allclose((uv - truth[ids]).mean(axis=0), 0.5, atol=0.03)
+
+
+def test_an_unknown_dictionary_is_refused() -> None:
+    with pytest.raises(InputError, match="unknown marker dictionary"):
+        opencv.dictionary("DICT_3X3_9")

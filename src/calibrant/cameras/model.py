@@ -15,6 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 from calibrant.errors import InputError
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+COMPILED_PIXELS = 20_000
+"""Pixels from which the compiled inverse pays: loading it costs more than NumPy needs for fewer."""
+REQUIRED = ("fx", "fy", "cx", "cy")
 
 
 class CameraModel(ABC):
@@ -23,28 +28,99 @@ class CameraModel(ABC):
     name: ClassVar[str]
     parameter_names: ClassVar[tuple[str, ...]]
     parameter_units: ClassVar[tuple[str, ...]]
-    """Unit of each parameter, "px" or "1", in the order of `parameter_names`."""
+    """Unit of each parameter, "px", "rad", "px/m" or "1", in the order of `parameter_names`."""
+    neutral: ClassVar[dict[str, float]] = {}
+    """Values of the terms that are left out, where that is not 0."""
+    summary: ClassVar[str] = ""
+    """When to use it, in a few words."""
 
     @abstractmethod
     def project(self, parameters: ArrayLike, p_camera: ArrayLike) -> Array:
-        """Pixels of points: (..., 3) metres -> (..., 2) px; NaN where the model cannot see the point (z <= 0)."""
+        """Pixels of points: (..., 3) metres -> (..., 2) px; NaN where the model cannot see the point (`sees`)."""
 
     @abstractmethod
     def project_with_jacobians(self, parameters: ArrayLike, p_camera: ArrayLike) -> tuple[Array, Array, Array]:
         """Pixels and derivatives: uv (..., 2), d uv / d p_camera (..., 2, 3), d uv / d parameters (..., 2, k)."""
 
     @abstractmethod
-    def unproject(self, parameters: ArrayLike, uv: ArrayLike) -> Array:
-        """Unit rays of pixels: (..., 2) px -> (..., 3) in the camera frame; NaN where no ray reaches the pixel."""
-
-    @abstractmethod
     def rows(self) -> Any:
         """Compiled `project_with_jacobians` of one view, signature `kernels.ROWS`, for the fused normal equations."""
+
+    @abstractmethod
+    def _unproject(self, parameters: Array, uv: Array) -> Array:
+        """`unproject` in NumPy: pixels (n, 2) -> directions (n, 3) of any length, NaN where there is none."""
+
+    def unproject(self, parameters: ArrayLike, uv: ArrayLike) -> Array:
+        """Unit rays of pixels: (..., 2) px -> (..., 3) in the camera frame; NaN where no ray reaches the pixel.
+
+        Many pixels go through the compiled inverse where the model has one; what that does not settle with certainty
+        (the rim of the valid field) comes back to the NumPy form.
+        """
+        a = np.asarray(parameters, dtype=np.float64)
+        pixels = np.asarray(uv, dtype=np.float64)
+        flat = np.ascontiguousarray(pixels.reshape(-1, 2))
+        compiled = self.rays() if len(flat) >= COMPILED_PIXELS else None
+        if compiled is None:
+            return _unit(self._unproject(a, flat)).reshape(*pixels.shape[:-1], 3)
+        rays = np.empty((len(flat), 3))
+        if compiled(a, self.field_limit(a), flat, rays):
+            open_ = np.isnan(rays[:, 0])
+            rays[open_] = _unit(self._unproject(a, flat[open_]))
+        return rays.reshape(*pixels.shape[:-1], 3)
+
+    def rays(self) -> Any:
+        """Compiled inverse, signature `kernels.RAYS_ARGUMENTS`, or None where NumPy's closed form is as good."""
+        return None
+
+    def ray_origins(self, parameters: ArrayLike, uv: ArrayLike) -> Array:
+        """Where the pixels' rays start in the camera frame, (..., 3) metres: the origin, for a central camera."""
+        return np.zeros((*np.asarray(uv).shape[:-1], 3))
+
+    def sees(self, parameters: ArrayLike, p_camera: ArrayLike) -> Mask:
+        """Which points (..., 3) have a pixel: for a perspective camera those in front of it."""
+        return np.asarray(p_camera, dtype=np.float64)[..., 2] > 0
+
+    def field_limit(self, parameters: Array) -> float:
+        """Radius in the model's own image plane where the map folds over itself; infinite where it never does."""
+        return np.inf
+
+    def inside(self, parameters: Array, p: Array) -> Mask:
+        """Which seen points (..., 3) lie within `field_limit`."""
+        return np.ones(p.shape[:-1], dtype=np.bool_)
+
+    def valid(self, parameters: ArrayLike, p_camera: ArrayLike) -> Mask:
+        """Which points (..., 3) lie in the valid field: seen, before the fold, the image not mirrored there.
+
+        Beyond it pixels are still computed, but belong to other rays as well: `unproject` never answers with such a
+        ray. The image is not mirrored where (du/dp x dv/dp) . p > 0.
+        """
+        a = np.asarray(parameters, dtype=np.float64)
+        p = np.asarray(p_camera, dtype=np.float64)
+        seen = self.sees(a, p)
+        safe = np.where(seen[..., None], p, [0.0, 0.0, 1.0])
+        _, J, _ = self.project_with_jacobians(a, safe)
+        with np.errstate(invalid="ignore"):
+            upright = np.sum(np.cross(J[..., 0, :], J[..., 1, :]) * self._line_of_sight(safe), axis=-1) > 0
+        return seen & self.inside(a, safe) & upright
+
+    def _line_of_sight(self, p: Array) -> Array:
+        return p
+
+    def starting_values(self, focal: float, centre: Array) -> Array:
+        """Parameters of a lens without distortion, of this model: `focal` in pixels per radian at the axis."""
+        values = [self.neutral.get(name, 0.0) for name in self.parameter_names]
+        for name, value in (("fx", focal), ("fy", focal), ("cx", centre[0]), ("cy", centre[1])):
+            values[self.index(name)] = float(value)
+        return np.array(values)
 
     def index(self, parameter: str) -> int:
         """Position of a parameter in the vector. Raises: InputError with the valid names."""
         if parameter not in self.parameter_names:
-            raise InputError(
-                f"the {self.name} model has no parameter {parameter!r}; it has {', '.join(self.parameter_names)}"
-            )
+            names = ", ".join(self.parameter_names[:24]) + (" …" if len(self.parameter_names) > 24 else "")
+            raise InputError(f"the {self.name} model has no parameter {parameter!r}; it has {names}")
         return self.parameter_names.index(parameter)
+
+
+def _unit(rays: Array) -> Array:
+    with np.errstate(invalid="ignore"):
+        return rays / np.linalg.norm(rays, axis=-1, keepdims=True)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calibrant.cameras.model import Array, CameraModel
+from calibrant.cameras.perspective import inverse_depth
 
 
 class Pinhole(CameraModel):
@@ -16,6 +17,7 @@ class Pinhole(CameraModel):
     name: ClassVar[str] = "pinhole"
     parameter_names: ClassVar[tuple[str, ...]] = ("fx", "fy", "cx", "cy")
     parameter_units: ClassVar[tuple[str, ...]] = ("px", "px", "px", "px")
+    summary: ClassVar[str] = "ideal or undistorted images"
 
     def project(self, parameters: ArrayLike, p_camera: ArrayLike) -> Array:
         fx, fy, cx, cy = np.asarray(parameters, dtype=np.float64)
@@ -34,24 +36,15 @@ class Pinhole(CameraModel):
         J_parameters = _matrix([[x, zero, one, zero], [zero, y, zero, one]])
         return uv, J_point, J_parameters
 
-    def unproject(self, parameters: ArrayLike, uv: ArrayLike) -> Array:
-        fx, fy, cx, cy = np.asarray(parameters, dtype=np.float64)
-        pixels = np.asarray(uv, dtype=np.float64)
-        x, y = (pixels[..., 0] - cx) / fx, (pixels[..., 1] - cy) / fy
-        ray = np.stack([x, y, np.ones_like(x)], axis=-1)
-        return ray / np.linalg.norm(ray, axis=-1, keepdims=True)
+    def _unproject(self, parameters: Array, uv: Array) -> Array:
+        fx, fy, cx, cy = parameters
+        x, y = (uv[:, 0] - cx) / fx, (uv[:, 1] - cy) / fy
+        return np.stack([x, y, np.ones_like(x)], axis=-1)
 
     def rows(self) -> Any:
         from calibrant.cameras.pinhole_rows import rows
 
         return rows
-
-
-def inverse_depth(p: Array) -> Array:
-    """1/z of points (..., 3), NaN where z <= 0: a point behind a perspective camera has no pixel."""
-    z = p[..., 2]
-    ahead = z > 0
-    return np.where(ahead, 1.0, np.nan) / np.where(ahead, z, 1.0)
 
 
 def _matrix(rows: list[list[Array]]) -> Array:

@@ -5,9 +5,13 @@ from __future__ import annotations
 from calibrant.cameras.brown import Brown
 from calibrant.cameras.model import CameraModel
 from calibrant.cameras.pinhole import Pinhole
+from calibrant.cameras.pinhole_skew import PinholeSkew
+from calibrant.cameras.rational import Rational
+from calibrant.cameras.thin_prism import ThinPrism
+from calibrant.cameras.tilted import Tilted
 from calibrant.errors import InputError
 
-MODELS: dict[str, CameraModel] = {model.name: model for model in (Pinhole(), Brown())}
+MODELS: dict[str, CameraModel] = {model.name: model for model in (Pinhole(), PinholeSkew(), Brown(), Rational(), ThinPrism(), Tilted())}
 
 
 def camera_model(name: str) -> CameraModel:

@@ -1,0 +1,52 @@
+"""Pinhole camera with skew: u = fx x/z + skew y/z + cx, v = fy y/z + cy (Hartley and Zisserman, eq. 6.10)."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calibrant.cameras.model import Array, CameraModel
+from calibrant.cameras.perspective import inverse_depth
+
+
+class PinholeSkew(CameraModel):
+    """Ideal perspective camera whose pixel axes need not be at right angles."""
+
+    name: ClassVar[str] = "pinhole_skew"
+    parameter_names: ClassVar[tuple[str, ...]] = ("fx", "fy", "cx", "cy", "skew")
+    parameter_units: ClassVar[tuple[str, ...]] = ("px",) * 5
+    summary: ClassVar[str] = "scanned or re-photographed images, general homographies; no distortion"
+
+    def project(self, parameters: ArrayLike, p_camera: ArrayLike) -> Array:
+        fx, fy, cx, cy, skew = np.asarray(parameters, dtype=np.float64)
+        p = np.asarray(p_camera, dtype=np.float64)
+        iz = inverse_depth(p)
+        x, y = p[..., 0] * iz, p[..., 1] * iz
+        return np.stack([fx * x + skew * y + cx, fy * y + cy], axis=-1)
+
+    def project_with_jacobians(self, parameters: ArrayLike, p_camera: ArrayLike) -> tuple[Array, Array, Array]:
+        fx, fy, cx, cy, skew = np.asarray(parameters, dtype=np.float64)
+        p = np.asarray(p_camera, dtype=np.float64)
+        iz = inverse_depth(p)
+        x, y = p[..., 0] * iz, p[..., 1] * iz
+        zero, one = np.zeros_like(x), np.ones_like(x)
+        uv = np.stack([fx * x + skew * y + cx, fy * y + cy], axis=-1)
+        J_point = _matrix([[fx * iz, skew * iz, -(fx * x + skew * y) * iz], [zero, fy * iz, -fy * y * iz]])
+        J_parameters = _matrix([[x, zero, one, zero, y], [zero, y, zero, one, zero]])
+        return uv, J_point, J_parameters
+
+    def _unproject(self, parameters: Array, uv: Array) -> Array:
+        fx, fy, cx, cy, skew = parameters
+        y = (uv[:, 1] - cy) / fy
+        return np.stack([(uv[:, 0] - cx - skew * y) / fx, y, np.ones_like(y)], axis=-1)
+
+    def rows(self) -> Any:
+        from calibrant.cameras.pinhole_rows import skewed
+
+        return skewed
+
+
+def _matrix(rows: list[list[Array]]) -> Array:
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)

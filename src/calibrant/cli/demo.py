@@ -26,7 +26,7 @@ def demo(
     out: Annotated[Path, typer.Option(help="Folder to write; one that an earlier demo wrote is replaced.")] = Path(
         "calibrant-demo"
     ),
-    views: Annotated[int, typer.Option(min=3, max=200, help="How many pictures the robot takes.")] = 20,
+    views: Annotated[int, typer.Option(min=5, max=200, help="How many pictures the robot takes.")] = 20,
     setup: Annotated[
         SetupName, typer.Option(help="Camera on the gripper, or beside the robot.")
     ] = SetupName.EYE_IN_HAND,

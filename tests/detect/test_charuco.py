@@ -60,8 +60,7 @@ def test_corners_are_more_accurate_than_opencvs() -> None:
     image, truth = photograph(BOARD, facing(BOARD, quad=WHOLE), noise=4.0, blur_px=1.2)
     found = detect(image)
     ids, uv = charuco_corners(image, BOARD)
-    # OpenCV's CharucoDetector puts pixel (0, 0) at the corner of the top left pixel: half a pixel to take off.
-    theirs = np.sqrt(np.mean(np.sum((uv - 0.5 - truth[ids]) ** 2, axis=1)))
+    theirs = np.sqrt(np.mean(np.sum((uv - truth[ids]) ** 2, axis=1)))
     assert set(ids.tolist()) <= set(found.point_ids.tolist())
     assert np.sqrt(np.mean(errors(found, truth) ** 2)) < theirs
 

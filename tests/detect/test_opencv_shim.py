@@ -63,13 +63,13 @@ def test_samples_are_bilinear_with_pixel_centres_at_whole_numbers() -> None:
     np.testing.assert_allclose(values, [[0, 100, 50, 85, 0]], atol=0.51)
 
 
-def test_opencvs_charuco_corners_lie_half_a_pixel_off() -> None:
-    """What the comparison with OpenCV has to take off; a version without the offset is a change to be noticed."""
+def test_opencvs_charuco_corners_come_in_our_pixel_convention() -> None:
     target = Charuco(5, 4, 0.04, 0.02, "DICT_5X5_100")
     image, truth = photograph(target, facing(target, quad=np.array([[60.0, 40], [420, 50], [410, 320], [70, 310]])))
     ids, uv = opencv.charuco_corners(image, target)
     assert len(ids) == 12
-    np.testing.assert_allclose((uv - truth[ids]).mean(axis=0), 0.5, atol=0.03)
+    # Its corners scatter by some 0.04 px here, the mean of 12 by a third of that.
+    np.testing.assert_allclose((uv - truth[ids]).mean(axis=0), 0.0, atol=0.04)
 
 
 def test_an_unknown_dictionary_is_refused() -> None:

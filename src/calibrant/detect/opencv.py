@@ -25,6 +25,12 @@ FINE_WINDOWS = (7,)
 ALL_WINDOWS = (7, 23)
 
 
+VERSION = tuple(int(n) for n in cv2.__version__.split(".")[:2])
+# Before 4.14 its CharucoDetector counted from the corner of the top left pixel, unlike the rest of the library (measured
+# on drawn boards; a test watches it).
+CHARUCO_OFFSET_PX = 0.5 if VERSION < (4, 14) else 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class Markers:
     """Markers read in an image: ids (n,); corners (n, 4, 2) pixels, from the marker's own top left, clockwise."""
@@ -88,8 +94,8 @@ def shrink(grey: Grey, factor: int) -> Grey:
 def find_markers(grey: Grey, name: str, *, factor: int = 1, windows: tuple[int, ...] = ALL_WINDOWS) -> Markers:
     """Markers of a dictionary, upright or as a negative, searched in the image made smaller by `factor`.
 
-    Pixel (0, 0) is the centre of the top left pixel at either size: u_full = factor * (u_small + 1/2) - 1/2. Corners are
-    rough: contour corners, inside wide borders by up to half a window.
+    Pixel (0, 0) is the centre of the top left pixel at either size: u_full = factor * (u_small + 1/2) - 1/2.
+    The corners are rough: those of contours, inside wide borders by up to half a window.
     """
     corners, ids, _ = _detector((name,), windows).detectMarkers(shrink(grey, factor))
     found = Markers.of(corners, ids)
@@ -127,7 +133,7 @@ def refine_corners(grey: Grey, uv: Array, half_window_px: int) -> Array:
 
 
 def charuco_corners(grey: Grey, target: Charuco) -> tuple[NDArray[np.int64], Array]:
-    """Ids (n,) and pixels (n, 2) by OpenCV's own CharucoDetector: the one to compare with."""
+    """Ids (n,) and pixels (n, 2) by OpenCV's own CharucoDetector, the one to compare with, in our pixel convention."""
     board = cv2.aruco.CharucoBoard(
         (target.columns, target.rows), target.square, target.marker, dictionary(target.dictionary)
     )
@@ -136,4 +142,4 @@ def charuco_corners(grey: Grey, target: Charuco) -> tuple[NDArray[np.int64], Arr
     uv, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(image)
     if ids is None or len(ids) == 0:
         return np.empty(0, np.int64), np.empty((0, 2))
-    return np.asarray(ids, np.int64).ravel(), np.asarray(uv, np.float64).reshape(-1, 2)
+    return np.asarray(ids, np.int64).ravel(), np.asarray(uv, np.float64).reshape(-1, 2) - CHARUCO_OFFSET_PX

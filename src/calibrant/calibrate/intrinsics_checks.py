@@ -6,9 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from calibrant.calibrate.camera_options import ASPECT, GROUPS, expand_fix
 from calibrant.calibrate.outliers import Marked
-from calibrant.cameras import Camera
+from calibrant.cameras import Camera, CameraModel
 from calibrant.data import Check, ViewResult
+from calibrant.errors import RefusedError
 from calibrant.optimize.solution import Solution
 
 FEW_VIEWS = 10
@@ -18,6 +20,27 @@ FOCAL_WARN, FOCAL_FAIL = 0.01, 0.10
 OUTLIER_WARN = 0.02
 VIEW_WARN_RATIO = 3.0
 """A view whose rms is 3 times the typical one lies beyond the spread of chi for 10 points and more."""
+
+
+CONDITIONS_PER_VIEW = 2
+"""What one view of a plane says about focal lengths and principal point (Zhang 2000, section 2.3)."""
+
+
+def require_conditions(views: int, model: CameraModel, fix: Sequence[str]) -> None:
+    """Refuse views too few for the focal lengths and the principal point that are free.
+
+    Distortion would make up the missing conditions: the fit converges, with figures that rest on the lens model alone.
+    Raises: RefusedError naming what is missing.
+    """
+    held, aspect = expand_fix(fix, model)
+    free = [n for group in ("focal", "principal") for n in GROUPS[group] if n not in held]
+    unknowns = len(free) - (aspect and {"fx", "fy"} <= set(free))
+    if CONDITIONS_PER_VIEW * views < unknowns:
+        raise RefusedError(
+            f"views: {views} usable view{'s' if views != 1 else ''} cannot determine {', '.join(free)}: a view of a "
+            f"flat target gives {CONDITIONS_PER_VIEW} conditions, {unknowns} are needed; take more, better 10 to 20, "
+            f"tilted in different directions, or fix some: --fix principal,{ASPECT}"
+        )
 
 
 def intrinsics_checks(

@@ -21,7 +21,7 @@ EXPECTED_FALSE_POINTS = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Marked:
-    """keep (N,) points; drop_view (m,) views that do not fit as a whole; sigma, limit in pixels (norm of a residual)."""
+    """keep (N,) points; drop_view (m,) views that do not fit as a whole; sigma, limit in pixels, residual norm."""
 
     keep: NDArray[np.bool_]
     drop_view: NDArray[np.bool_]
@@ -55,6 +55,6 @@ def points_reason(left_out: int, total: int, limit_px: float) -> str:
 def view_reason(points: int, typical_px: float) -> str:
     """Words for a view left out as a whole."""
     return (
-        f"left out: most of its {points} points do not fit the other views (which have {typical_px:.2g} px rms); "
+        f"most of its {points} points do not fit the other views (which have {typical_px:.2g} px rms); "
         "the board was misread, or moved while the picture was taken"
     )

@@ -42,11 +42,17 @@ def reweighted(views: Sequence[View], squares: Array, *, unknowns: int) -> tuple
 
     Args: squares (N,) squared residual norms of all points, in order, px^2.
     """
+    return completed(views, squares, keep=np.ones(len(squares), dtype=bool), unknowns=unknowns)
+
+
+def completed(views: Sequence[View], squares: Array, *, keep: NDArray[np.bool_], unknowns: int) -> tuple[View, ...]:
+    """As `reweighted`, with the excess taken from the points where keep (N,) is true: the others do not belong."""
     if not any(v.sigma_px is not None for v in views):
         return tuple(views)
     stated = np.concatenate([np.zeros(len(v)) if v.sigma_px is None else v.sigma_px for v in views])
-    freedom = max(2.0 * len(squares) - unknowns, 1.0)
-    variance = excess_sigma(squares, np.maximum(stated, 1e-6), freedom=freedom) ** 2 + stated**2
+    freedom = max(2.0 * keep.sum() - unknowns, 1.0)
+    excess = excess_sigma(squares[keep], np.maximum(stated[keep], 1e-6), freedom=freedom)
+    variance = excess**2 + stated**2
     ends = np.cumsum([len(v) for v in views])[:-1]
     parts = np.split(np.sqrt(np.maximum(variance, 1e-18)), ends)
     return tuple(replace(v, sigma_px=s) for v, s in zip(views, parts))

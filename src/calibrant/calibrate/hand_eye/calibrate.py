@@ -32,7 +32,7 @@ from calibrant.calibrate.hand_eye.loops import loop_errors
 from calibrant.calibrate.hand_eye.motion import MotionReport, motion_report
 from calibrant.calibrate.hand_eye.seed import Seed, best_seed, compare_methods, mean_of_methods, method_result
 from calibrant.calibrate.hand_eye.setup import SETUPS, Setup, get_setup
-from calibrant.calibrate.hand_eye.views import HandEyeViews, from_observations, from_target_poses
+from calibrant.calibrate.hand_eye.views import HandEyeViews, from_observations, from_target_poses, weighed
 from calibrant.calibrate.intrinsics import calibrate_keeping
 from calibrant.calibrate.outliers import mark, points_reason
 from calibrant.calibrate.provenance import refuse_if_failed, stamp
@@ -132,6 +132,7 @@ def _prepare_images(
 ) -> tuple[HandEyeViews, CameraRole, float]:
     """Target poses from the images, and the camera's role in the joint problem."""
     if camera is not None:
+        observations = replace(observations, views=weighed(observations.views, camera))
         data = from_observations(poses, observations, camera, sigma_px=1.0)
         return data, prior_camera(camera), max(float(np.nanmedian(data.rms_px)) / np.sqrt(2), 1e-3)  # type: ignore[arg-type]
     kept = calibrate_keeping(observations, model=model, fix=fix)
@@ -174,9 +175,9 @@ def _seed(setup: Setup, data: HandEyeViews) -> tuple[HandEyeViews, Seed]:
     A = setup.normal_form(data.T_base_gripper)
     delta = se3.local(seed.Z, A @ seed.X @ data.B)
     reasons = [
-        f"left out: it puts the target {1e3 * np.linalg.norm(d[3:]):.3g} mm and {np.rad2deg(np.linalg.norm(d[:3])):.3g} deg "
-        f"from where the others do ({seed.loop.median_mm:.2g} mm, {seed.loop.median_deg:.2g} deg typically); wrong pose, "
-        "wrong image, or a misread board"
+        f"it puts the target {1e3 * np.linalg.norm(d[3:]):.3g} mm and {np.rad2deg(np.linalg.norm(d[:3])):.3g} deg "
+        f"from where the others do ({seed.loop.median_mm:.2g} mm, {seed.loop.median_deg:.2g} deg typically); "
+        "wrong pose, wrong image, or a misread board"
         for d in delta
     ]
     return data.without(dropped, reasons), seed  # type: ignore[arg-type]
@@ -250,7 +251,7 @@ def _clean(
     if odd.any() and data.use.sum() - odd.sum() >= 3 and odd.mean() <= 1 / 3:
         dropped = np.zeros(len(data), dtype=bool)
         dropped[np.flatnonzero(data.use)[odd]] = True
-        reason = "left out: its robot pose and its image disagree by more than the noise of the others explains"
+        reason = "its robot pose and its image disagree by more than the noise of the others explains"
         kept = None if views is None else [v for v, o in zip(views, odd) if not o]
         return data.without(dropped, [reason] * len(data)), kept
     points = None if views is None else _clean_points(views, noise)

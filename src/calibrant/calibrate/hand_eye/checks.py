@@ -51,8 +51,8 @@ def loop_check(seed: Seed, loop: LoopErrors) -> Check:
     text = f"the loop closes to {loop.rms_mm:.3g} mm / {loop.rms_deg:.2g} deg rms over the views used"
     if seed.loop.score > LOOP_FAIL:
         message = (
-            f"{text}, {seed.loop.score:.0%} of the motion: robot and camera do not describe the same motion; check pose "
-            "convention, units, pairing and the target's size"
+            f"{text}, {seed.loop.score:.0%} of the motion: robot and camera do not describe the same motion; check "
+            "pose convention, units, pairing and the target's size"
         )
         return Check("loop", "fail", message, loop.rms_mm)
     if seed.loop.score > LOOP_WARN:
@@ -84,7 +84,7 @@ def scale_check(scale: Measured | None) -> Check:
     if scale is None:
         return Check("target-size", "warn", "the motions cannot tell whether the target's size is right")
     off = scale.value - 1
-    text = f"the robot's motion says the target is {scale.value:.4f} +- {scale.sigma:.4f} times the size given"
+    text = f"the robot's motion says the target is {scale.value:.4f} ± {scale.sigma:.4f} times the size given"
     if abs(off) > SCALE_WARN and abs(off) > SCALE_SIGMAS * scale.sigma:
         return Check("target-size", "warn", f"{text}: measure the target; all distances scale with it", scale.value)
     return Check("target-size", "ok", text, scale.value)

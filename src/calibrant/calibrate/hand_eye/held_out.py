@@ -27,7 +27,7 @@ FOLDS = 30
 
 @dataclass(frozen=True, eq=False)
 class PoseErrors:
-    """Held-out errors of each pose (n,): target position, mm, and rotation, deg, in its own parent frame; pixels rms."""
+    """Held-out errors of each pose (n,): target position, mm, and rotation, deg, in its parent frame; pixels rms."""
 
     mm: Array
     deg: Array
@@ -35,7 +35,7 @@ class PoseErrors:
 
     @property
     def rms(self) -> HeldOut:
-        """Root mean square over the poses; pixels over all points would weigh full boards more, so poses weigh alike."""
+        """Root mean square over the poses, which weigh alike: over all points, full boards would weigh more."""
         px = None if self.px is None else float(np.sqrt(np.mean(self.px**2)))
         return HeldOut(float(np.sqrt(np.mean(self.mm**2))), float(np.sqrt(np.mean(self.deg**2))), px)
 
@@ -62,7 +62,7 @@ def leave_out(
         mm[out] = 1e3 * np.linalg.norm(delta[:, 3:], axis=1)
         if views is not None:
             predicted = se3.inverse(X) @ se3.inverse(A) @ Z
-            px[out] = [_rms_px(camera, views[i], T) for i, T in zip(np.flatnonzero(out), predicted)]
+            px[out] = [_rms_px(camera, views[int(i)], T) for i, T in zip(np.flatnonzero(out), predicted)]
     return PoseErrors(mm, deg, px if views is not None else None)
 
 

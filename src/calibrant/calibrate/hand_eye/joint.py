@@ -35,7 +35,7 @@ LOOP_ROTATION, LOOP_TRANSLATION = "target rotation", "target translation"
 SCALE = "target scale"
 
 FLOORS = {PIXEL: 1e-4, ROBOT_ROTATION: 1e-6, ROBOT_TRANSLATION: 1e-7, LOOP_ROTATION: 1e-9, LOOP_TRANSLATION: 1e-10}
-"""Noise worth telling from none: pixels, radians, metres. No detector or robot comes within a hundred times of these."""
+"""Noise worth telling from none: pixels, radians, metres. No detector or robot comes within 100 times of these."""
 
 
 @dataclass(frozen=True, eq=False)

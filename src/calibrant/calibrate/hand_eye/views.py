@@ -7,10 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.calibrate.outliers import mark
 from calibrant.calibrate.target_poses import target_poses
+from calibrant.calibrate.weights import completed
 from calibrant.cameras import Camera
 from calibrant.data import Observations, RobotPoses, View
 from calibrant.errors import InputError
+from calibrant.geometry import se3
 
 Array = NDArray[np.float64]
 
@@ -97,6 +100,23 @@ def match_views(poses: RobotPoses, observations: Observations) -> tuple[list[int
     return list(range(len(moments))), [index[m] for m in moments]
 
 
+def weighed(views: tuple[View, ...], camera: Camera) -> tuple[View, ...]:
+    """The views with their detector's sigma completed by the excess noise, each fitted by the camera as it is.
+
+    As they are when no view states a sigma. Views with too few points for a pose keep theirs.
+    """
+    fitted = [v for v in views if len(v) >= MINIMUM_POINTS]
+    if not fitted or all(v.sigma_px is None for v in fitted):
+        return views
+    T = target_poses(camera, fitted).T_camera_target
+    residuals = [camera.project(se3.apply(pose, v.points)) - v.uv for v, pose in zip(fitted, T)]
+    squares = np.sum(np.concatenate(residuals) ** 2, axis=1)
+    offsets = np.concatenate([[0], np.cumsum([len(v) for v in fitted])])
+    keep = mark(np.sqrt(squares), offsets).keep
+    done = dict(zip([v.id for v in fitted], completed(fitted, squares, keep=keep, unknowns=6 * len(fitted))))
+    return tuple(done.get(v.id, v) for v in views)
+
+
 def from_observations(poses: RobotPoses, observations: Observations, camera: Camera, sigma_px: float) -> HandEyeViews:
     """Views matched to poses by id, each with its target pose and how certain that is."""
     _, matched = match_views(poses, observations)
@@ -122,14 +142,14 @@ def from_observations(poses: RobotPoses, observations: Observations, camera: Cam
     for i, view in enumerate(views):
         k = rows[i]
         if not enough[i]:
-            use[i], reasons[i] = False, f"left out: only {len(view)} points, {MINIMUM_POINTS} are needed"
+            use[i], reasons[i] = False, f"only {len(view)} points, {MINIMUM_POINTS} are needed"
         elif certainty[i] > WEAK_FLAG:
             text = (
                 f"its {len(view)} points leave the target's position uncertain by {sigma_mm[k]:.2g} mm and "
                 f"{sigma_deg[k]:.2g} deg (typical {np.median(sigma_mm):.2g} mm, {np.median(sigma_deg):.2g} deg)"
             )
             use[i] = certainty[i] <= WEAK_LEAVE_OUT
-            reasons[i] = f"weak view: {text}" if use[i] else f"left out: {text}"
+            reasons[i] = f"weak view: {text}" if use[i] else text
         elif len(view) < FEW_POINTS_SHARE * typical_points:
             reasons[i] = f"weak view: only {len(view)} points, the others have {typical_points:.0f} typically"
     return HandEyeViews(

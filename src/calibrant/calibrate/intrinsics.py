@@ -18,16 +18,16 @@ from numpy.typing import NDArray
 
 from calibrant.calibrate import planar_start
 from calibrant.calibrate.camera_options import camera_manifold, expand_fix
-from calibrant.calibrate.intrinsics_checks import intrinsics_checks
-from calibrant.calibrate.outliers import Marked, mark, points_reason, view_reason
-from calibrant.calibrate.provenance import refuse_if_failed, stamp
 from calibrant.calibrate.chain import Link
+from calibrant.calibrate.intrinsics_checks import intrinsics_checks, require_conditions
+from calibrant.calibrate.outliers import Marked, mark, points_reason, view_reason
+from calibrant.calibrate.planar_start import PlaneViews
+from calibrant.calibrate.provenance import refuse_if_failed, stamp
 from calibrant.calibrate.reprojection import ReprojectionFactor, StackedViews, stack
 from calibrant.calibrate.weights import reweighted
 from calibrant.cameras import Camera, CameraModel, camera_model
 from calibrant.data import CalibrationResult, Observations, View, ViewResult, verdict_of
 from calibrant.errors import InputError, RefusedError
-from calibrant.optimize.factors import Factor
 from calibrant.optimize.levenberg_marquardt import solve
 from calibrant.optimize.losses import Loss, cauchy, squared
 from calibrant.optimize.manifolds import SE3, Variable
@@ -106,12 +106,19 @@ def calibrate_keeping(
             f"{', '.join(observations.image_sizes)}; choose one with observations.of_camera(name)"
         )
     ((camera_name, image_size),) = observations.image_sizes.items()
-    views, too_small = _usable(observations.views)
+    views, too_small = _enough_points(observations.views)
+    if views:
+        stacked = stack(views)
+        seen = planar_start.see_plane(stacked)
+        if not seen.good.all():
+            views, on_a_line = _without(views, seen.good)
+            too_small |= on_a_line
+            stacked, seen = (stack(views), seen.only(stacked, seen.good)) if views else (stacked, seen)
     if not views:
         found = f"{len(observations.missed)} images without a board" if observations.missed else "no views were given"
         raise InputError(f"there is no view with {MINIMUM_POINTS} points or more to calibrate from ({found})")
-    stacked = stack(views)
-    start = find_start(stacked, kind, image_size, initial=initial, fix=fix)
+    require_conditions(len(views), kind, fix)
+    start = find_start(stacked, seen, kind, image_size, initial=initial, fix=fix)
     fit, marked = _fit_and_clean(views, stacked, start, kind, fix, max_error_px)
     return Kept(
         _result(observations, camera_name, image_size, kind, fix, fit, marked, too_small, max_error_px, initial),
@@ -119,25 +126,23 @@ def calibrate_keeping(
     )
 
 
-def _usable(views: Sequence[View]) -> tuple[tuple[View, ...], dict[str, str]]:
+def _enough_points(views: Sequence[View]) -> tuple[tuple[View, ...], dict[str, str]]:
+    """Views with points enough for a pose, and the reasons for the others."""
+    few = {v.id: f"{len(v)} points, a pose needs {MINIMUM_POINTS}" for v in views if len(v) < MINIMUM_POINTS}
+    return tuple(v for v in views if len(v) >= MINIMUM_POINTS), few
+
+
+def _without(views: Sequence[View], good: NDArray[np.bool_]) -> tuple[tuple[View, ...], dict[str, str]]:
     """Views that determine a homography, and the reasons for the others."""
-    reasons: dict[str, str] = {}
-    enough = [v for v in views if len(v) >= MINIMUM_POINTS]
-    for v in views:
-        if len(v) < MINIMUM_POINTS:
-            reasons[v.id] = f"left out: {len(v)} points, a pose needs {MINIMUM_POINTS}"
-    if not enough:
-        return (), reasons
-    stacked = stack(enough)
-    _, good = planar_start.homographies(planar_start.in_plane(stacked.points).xy, stacked.uv, stacked.offsets)
-    for v, ok in zip(enough, good):
-        if not ok:
-            reasons[v.id] = f"left out: its {len(v)} points lie on a line, which determines no pose"
-    return tuple(v for v, ok in zip(enough, good) if ok), reasons
+    reasons = {
+        v.id: f"its {len(v)} points lie on a line, which determines no pose" for v, ok in zip(views, good) if not ok
+    }
+    return tuple(v for v, ok in zip(views, good) if ok), reasons
 
 
 def find_start(
     views: StackedViews,
+    seen: PlaneViews,
     kind: CameraModel,
     image_size: tuple[int, int],
     *,
@@ -145,37 +150,34 @@ def find_start(
     fix: Sequence[str],
 ) -> Start:
     """Closed-form start: from `initial` when given, else Zhang's, else the best of a grid of focal lengths."""
-    planar = planar_start.in_plane(views.points)
     if initial is not None:
         parameters = _transfer(initial, kind)
         normalised = _normalised(kind, parameters, views.uv)
-        T, _ = planar_start.start_poses(planar.xy, normalised, views.offsets)
-        return Start(parameters, T @ planar.T_plane_target)
+        T, _ = planar_start.start_poses(seen.xy, normalised, views.offsets)
+        return Start(parameters, T @ seen.T_plane_target)
     held, _ = expand_fix(fix, kind)
     if {"fx", "fy"} & set(held):
         raise InputError("to fix the focal length, give its value: --initial camera.json (initial=… in Python)")
     centre = (np.array(image_size, dtype=np.float64) - 1) / 2
-    H, _ = planar_start.homographies(planar.xy, views.uv, views.offsets)
-    focal = planar_start.focal_lengths(H, centre)
+    focal = planar_start.focal_lengths(seen.H, centre)
     if focal is not None:
-        return _start_at(kind, H, focal, centre, planar.T_plane_target)
-    return _best_of_grid(views, kind, image_size, H, centre, planar.T_plane_target, fix)
+        return _start_at(kind, seen, focal, centre)
+    return _best_of_grid(views, seen, kind, image_size, centre, fix)
 
 
 def _best_of_grid(
     views: StackedViews,
+    seen: PlaneViews,
     kind: CameraModel,
     image_size: tuple[int, int],
-    H: Array,
     centre: Array,
-    T_plane_target: Array,
     fix: Sequence[str],
 ) -> Start:
     """The start with the lowest cost after refinement, over a grid of focal lengths."""
     best: tuple[float, Start] | None = None
     for widths in FOCAL_LENGTH_GRID:
         f = widths * max(image_size)
-        start = _start_at(kind, H, (f, f), centre, T_plane_target)
+        start = _start_at(kind, seen, (f, f), centre)
         cost = refine(views, kind, start, fix=fix).cost
         if best is None or cost < best[0]:
             best = (cost, start)
@@ -184,12 +186,12 @@ def _best_of_grid(
     return best[1]
 
 
-def _start_at(kind: CameraModel, H: Array, focal: tuple[float, float], centre: Array, T_plane_target: Array) -> Start:
+def _start_at(kind: CameraModel, seen: PlaneViews, focal: tuple[float, float], centre: Array) -> Start:
     parameters = np.zeros(len(kind.parameter_names))
     for name, value in (("fx", focal[0]), ("fy", focal[1]), ("cx", centre[0]), ("cy", centre[1])):
         parameters[kind.index(name)] = value
     K = np.array([[focal[0], 0, centre[0]], [0, focal[1], centre[1]], [0, 0, 1.0]])
-    return Start(parameters, planar_start.poses(H, K) @ T_plane_target)
+    return Start(parameters, planar_start.poses(seen.H, K) @ seen.T_plane_target)
 
 
 def _transfer(initial: Camera, kind: CameraModel) -> Array:
@@ -249,7 +251,7 @@ def _fit_and_clean(
     fix: Sequence[str],
     max_error_px: float | None,
 ) -> tuple[Fit, Marked]:
-    """Fit all points alike; where some do not belong, find them by a robust fit and leave them out; then weigh the rest."""
+    """Fit all points alike; leave out, by a robust fit, those that do not belong; then weigh the rest."""
     plain = StackedViews(stacked.points, stacked.uv, np.ones(len(stacked.uv)), stacked.offsets)
     solution = refine(plain, kind, start, fix=fix)
     norms = np.linalg.norm(solution.residuals("reprojection"), axis=1)
@@ -304,6 +306,7 @@ def _result(
     max_error_px: float | None,
     initial: Camera | None,
 ) -> CalibrationResult:
+    require_conditions(len(fit.views), kind, fix)
     solution = fit.solution
     residuals = solution.residuals("reprojection")
     squares = np.sum(residuals**2, axis=1)

@@ -24,30 +24,56 @@ target's size, less than any detector resolves."""
 
 
 @dataclass(frozen=True, eq=False)
-class PlanarViews:
-    """Views of a plane: xy (N, 2) in the plane's own frame, metres; T_plane_target (4, 4) leads there."""
+class PlanarPoints:
+    """Points of a plane: xy (N, 2) in the plane's own frame, metres; T_plane_target (4, 4) leads there."""
 
     xy: Array
     T_plane_target: Array
 
 
-def in_plane(points: Array) -> PlanarViews:
+@dataclass(frozen=True, eq=False)
+class PlaneViews:
+    """Views of a plane, and what each shows of it.
+
+    xy, T_plane_target as in `PlanarPoints`; H (m, 3, 3) from plane to pixels; good (m,) where it is determined.
+    """
+
+    xy: Array
+    T_plane_target: Array
+    H: Array
+    good: NDArray[np.bool_]
+
+    def only(self, views: StackedViews, keep: NDArray[np.bool_]) -> PlaneViews:
+        """The views where keep (m,) is true."""
+        rows = np.repeat(keep, np.diff(views.offsets))
+        return PlaneViews(self.xy[rows], self.T_plane_target, self.H[keep], self.good[keep])
+
+
+def see_plane(views: StackedViews) -> PlaneViews:
+    """The target's plane and the homography of every view. Raises: InputError when the points lie in no plane."""
+    planar = in_plane(views.points)
+    H, good = homographies(planar.xy, views.uv, views.offsets)
+    return PlaneViews(planar.xy, planar.T_plane_target, H, good)
+
+
+def in_plane(points: Array) -> PlanarPoints:
     """Coordinates of target points in their common plane; z = 0 stays as it is.
 
     Args: points (N, 3), metres. Raises: InputError when the points do not lie in one plane.
     """
     if np.all(points[:, 2] == 0):
-        return PlanarViews(np.ascontiguousarray(points[:, :2]), np.eye(4))
+        return PlanarPoints(np.ascontiguousarray(points[:, :2]), np.eye(4))
     centre = points.mean(axis=0)
     _, spread, axes = np.linalg.svd(points - centre, full_matrices=False)
     if spread[2] > 1e-6 * spread[0]:
+        off = 1e3 * spread[2] / np.sqrt(len(points))
         raise InputError(
-            f"the target's points do not lie in a plane (they leave it by {1e3 * spread[2] / np.sqrt(len(points)):.2g} mm rms); "
-            "a target with depth needs a start value: give --initial camera.json"
+            f"the target's points do not lie in a plane (they leave it by {off:.2g} mm rms); a target with depth needs "
+            "a start value: give --initial camera.json"
         )
     R = axes if np.linalg.det(axes) > 0 else axes * [[1], [1], [-1]]
     T = se3.make(R, -R @ centre)
-    return PlanarViews(np.ascontiguousarray(se3.apply(T, points)[:, :2]), T)
+    return PlanarPoints(np.ascontiguousarray(se3.apply(T, points)[:, :2]), T)
 
 
 def homographies(xy: Array, image: Array, offsets: NDArray[np.int64]) -> tuple[Array, NDArray[np.bool_]]:
@@ -56,7 +82,7 @@ def homographies(xy: Array, image: Array, offsets: NDArray[np.int64]) -> tuple[A
 
     m = len(offsets) - 1
     H, condition = np.empty((m, 3, 3)), np.empty(m)
-    planar_kernels.homographies(np.ascontiguousarray(xy), np.ascontiguousarray(image), np.array(offsets), H, condition)
+    planar_kernels.homographies(np.ascontiguousarray(xy), np.ascontiguousarray(image), offsets, H, condition)
     good = (np.diff(offsets) >= 4) & (condition > DEGENERATE_PIVOT) & np.isfinite(H).all(axis=(1, 2))
     return H, good
 
@@ -72,20 +98,31 @@ def focal_lengths(H: Array, centre: Array) -> tuple[float, float] | None:
     a, b = h[:, :, 0], h[:, :, 1]
     rows = np.concatenate([a[:, :2] * b[:, :2], a[:, :2] ** 2 - b[:, :2] ** 2])
     right = -np.concatenate([a[:, 2] * b[:, 2], a[:, 2] ** 2 - b[:, 2] ** 2])
-    weights = np.ones(len(rows))
     for columns in (rows, rows.sum(axis=1, keepdims=True)):  # then one focal length, when two are not determined
-        for _ in range(10):
-            w = weights[:, None] * columns
-            solution, _, rank, _ = np.linalg.lstsq(w, weights * right, rcond=None)
-            residual = np.abs(columns @ solution - right)
-            weights = 1 / np.sqrt(np.maximum(residual, 1e-3 * np.median(residual) + 1e-300))
-        if rank == columns.shape[1] and np.all(solution > 0):
+        solution = _least_absolute(columns, right)
+        if solution is not None and np.all(solution > 0):
             f = 1 / np.sqrt(solution)
             # Nobody builds a lens whose focal lengths differ by more than a factor of two: such a pair is noise.
             if 0.5 < f[0] / f[-1] < 2:
                 return float(f[0]), float(f[-1])
-        weights = np.ones(len(rows))
     return None
+
+
+def _least_absolute(columns: Array, right: Array) -> Array | None:
+    """x with the least sum of |columns x - right|, by reweighted normal equations; None when they are singular."""
+    weights: Array = np.ones(len(right))
+    solution: Array = np.zeros(columns.shape[1])
+    for _ in range(10):
+        weighted = columns * weights[:, None]
+        N = weighted.T @ columns
+        scale = np.sqrt(np.diag(N))
+        # Columns closer to parallel than 1e-6 say nothing about both unknowns: rounding of the homographies is larger.
+        if not np.all(scale > 0) or np.linalg.det(N / np.outer(scale, scale)) < 1e-12:
+            return None
+        solution = np.linalg.solve(N, weighted.T @ right)
+        residual = np.abs(columns @ solution - right)
+        weights = 1 / np.maximum(residual, 1e-3 * np.median(residual) + 1e-300)
+    return solution
 
 
 def poses(H: Array, K: Array) -> Array:

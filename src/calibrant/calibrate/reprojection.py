@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,20 +19,24 @@ from calibrant.calibrate import chain as chains
 from calibrant.calibrate.chain import Link
 from calibrant.cameras import CameraModel
 from calibrant.data import View
-from calibrant.geometry import se3, so3
+from calibrant.geometry import so3
 from calibrant.optimize.factors import Factor, FactorBlocks
 from calibrant.optimize.losses import Loss
+from calibrant.optimize.threads import over_range
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-PARALLEL_POINTS = 4000
-"""Points from which a second core pays: starting the team costs ~10 us, a point costs ~50 ns."""
+SECONDS_PER_POINT = {"normal equations": 8e-8, "residuals": 1.5e-8}
+"""Time of a point on one core, for the decision whether more cores pay. Nine parameters; more modes cost more."""
 
 
 @dataclass(frozen=True, eq=False)
 class TargetModes:
-    """How the target may deform: points + sum_j m_j directions_j; variable holds m (1, k); directions (k, N, 3), metres."""
+    """How the target may deform: points + sum_j m_j directions_j.
+
+    variable: name of the one that holds m (1, k); directions (k, N, 3), metres.
+    """
 
     variable: str
     directions: Array
@@ -39,7 +44,7 @@ class TargetModes:
 
 @dataclass(frozen=True, eq=False)
 class StackedViews:
-    """Views laid end to end: points (N, 3), uv (N, 2), sigma (N,) relative, offsets (m + 1,) of the views' first points."""
+    """Views laid end to end: points (N, 3), uv (N, 2), sigma (N,) relative, offsets (m + 1,) of their first points."""
 
     points: Array
     uv: Array
@@ -119,16 +124,33 @@ class ReprojectionFactor(Factor):
         return self.views.points + np.tensordot(theta[0], self.modes.directions, axes=1)
 
     def residuals(self, *values: Array) -> Array:
-        _, parameters, theta = self._split(values)
-        T = self.T_camera_target(*values)[self._edge_of_row]
-        p = se3.apply(T, self._deformed(theta))
-        if len(np.unique(self.indices[len(self.chain)])) == 1:
-            return self.model.project(parameters[0], p) - self.views.uv
+        from calibrant.calibrate import reprojection_kernels
+
+        kernel: Any = reprojection_kernels.residuals
         out = np.empty_like(self.views.uv)
-        for edge in range(self.edges):
-            rows = slice(self.views.offsets[edge], self.views.offsets[edge + 1])
-            out[rows] = self.model.project(parameters[edge], p[rows])
-        return out - self.views.uv
+        views = self._kernel_arguments(values)
+
+        def run(first: int, last: int) -> None:
+            kernel(*views, self.views.offsets, first, last, out)
+
+        over_range(run, self.edges, seconds=len(out) * SECONDS_PER_POINT["residuals"])
+        return out
+
+    def _kernel_arguments(self, values: Sequence[Array]) -> tuple[Any, ...]:
+        """Model, parameters, poses, modes and points as the compiled kernels take them."""
+        from calibrant.calibrate import reprojection_kernels
+
+        _, parameters, theta = self._split(values)
+        return (
+            reprojection_kernels.rows_of(self.model),
+            np.ascontiguousarray(parameters),
+            np.arange(self.edges) if len(parameters) > 1 else np.zeros(self.edges, dtype=np.int64),
+            self.T_camera_target(*values),
+            np.ascontiguousarray(theta[:1]),
+            self._modes,
+            self._points,
+            self._uv,
+        )
 
     def linearize(self, *values: Array) -> tuple[Array, tuple[Array, ...]]:
         _, parameters, theta = self._split(values)
@@ -160,28 +182,16 @@ class ReprojectionFactor(Factor):
     def blocks(self, values: Sequence[Array], *, sigma: float) -> FactorBlocks:
         from calibrant.calibrate import reprojection_kernels
 
-        poses, parameters, theta = self._split(values)
+        kernel: Any = reprojection_kernels.normal_equations
         m, width = self.edges, self._width
         H, g, cost = np.empty((m, width, width)), np.empty((m, width)), np.empty(m)
-        camera = np.arange(m) if len(parameters) == m and m > 1 else np.zeros(m, dtype=np.int64)
-        kernel = reprojection_kernels.parallel if len(self.weight) >= PARALLEL_POINTS else reprojection_kernels.serial
-        kernel(
-            self.model.rows(),
-            np.ascontiguousarray(parameters),
-            camera,
-            self.T_camera_target(*values),
-            np.ascontiguousarray(theta[:1]),
-            self._modes,
-            self._points,
-            self._uv,
-            self.weight / sigma,
-            self.views.offsets,
-            self.loss.kind,
-            self.loss.scale_sq,
-            H,
-            g,
-            cost,
-        )
+        views, weight, offsets = self._kernel_arguments(values), self.weight / sigma, self.views.offsets
+        loss = (self.loss.kind, self.loss.scale_sq)
+
+        def run(first: int, last: int) -> None:
+            kernel(*views, weight, offsets, *loss, first, last, H, g, cost)
+
+        over_range(run, m, seconds=len(weight) * SECONDS_PER_POINT["normal equations"])
         return self._through_chain(H, g, float(cost.sum()), chains.link_maps(self.chain, self._split(values)[0]))
 
     def _through_chain(self, H: Array, g: Array, cost: float, maps: Sequence[Array]) -> FactorBlocks:

@@ -4,15 +4,20 @@ For each view the columns of the Jacobian are laid out as contiguous rows of one
 v residuals after them: six of T_camera_target's chart, the camera's parameters, the target's modes, and the residual.
 The normal equations are the products of those rows, so that one pass yields H, g and the cost, and the inner loops are
 plain sums over contiguous memory. Views are independent: each writes its own block, so the result does not depend on
-the number of threads.
+how the views are shared out to threads.
 """
 
 from __future__ import annotations
 
-import numpy as np
-from numba import njit, prange, types
+from functools import cache
 
-from calibrant.cameras.kernels import FAST, ROWS
+import numpy as np
+from numba import njit, types
+from numba.core.typing import Signature
+from numba.experimental.function_type import _get_wrapper_address
+
+from calibrant.cameras import CameraModel
+from calibrant.cameras.kernels import FAST, ROWS, ROWS_ARGUMENTS
 
 
 def _constant(kind, ndim):  # type: ignore[no-untyped-def]
@@ -24,7 +29,30 @@ _c1, _c2, _c3 = (_constant(types.float64, n) for n in (1, 2, 3))
 _i1 = _constant(types.int64, 1)
 _f1, _f2, _f3 = types.float64[::1], types.float64[:, ::1], types.float64[:, :, ::1]
 
-_SIGNATURE = types.void(ROWS, _c2, _i1, _c3, _c2, _c3, _c2, _c2, _c1, _i1, types.int64, types.float64, _f3, _f2, _f1)
+_int = types.int64
+_VIEWS = (ROWS, _c2, _i1, _c3, _c2, _c3, _c2, _c2)
+_NORMAL_EQUATIONS = types.void(*_VIEWS, _c1, _i1, _int, types.float64, _int, _int, _f3, _f2, _f1)
+_RESIDUALS = types.void(*_VIEWS, _i1, _int, _int, _f2)
+
+
+class Rows(types.WrapperAddressProtocol):
+    """A model's compiled rows with their address looked up once: the lookup costs more than a small view."""
+
+    def __init__(self, model: CameraModel) -> None:
+        self._rows = model.rows()  # keeps the code alive
+        self._address = _get_wrapper_address(self._rows, ROWS_ARGUMENTS)
+
+    def __wrapper_address__(self) -> int:
+        return self._address
+
+    def signature(self) -> Signature:
+        return ROWS_ARGUMENTS
+
+
+@cache
+def rows_of(model: CameraModel) -> Rows:
+    """The compiled rows of a model, one object a model."""
+    return Rows(model)
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy", inline="always")
@@ -137,21 +165,35 @@ def _view(rows, parameters, T, theta, points, modes, uv, weight, first, n, loss,
     return cost
 
 
-@njit(_SIGNATURE, cache=True, nogil=True, fastmath=FAST, error_model="numpy")
-def serial(rows, parameters, camera, T, theta, modes, points, uv, weight, offsets, loss, scale_sq, H, g, cost):  # type: ignore[no-untyped-def]
-    """Fill H (m, q, q), g (m, q) and cost (m,) view by view, on this thread."""
-    for v in range(offsets.shape[0] - 1):
-        first, n = offsets[v], offsets[v + 1] - offsets[v]
+@njit(_NORMAL_EQUATIONS, cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+def normal_equations(  # type: ignore[no-untyped-def]
+    rows, parameters, camera, T, theta, modes, points, uv, weight, offsets, loss, scale_sq, first, last, H, g, cost
+):
+    """Fill H (m, q, q), g (m, q) and cost (m,) of the views first <= v < last."""
+    for v in range(first, last):
+        start, n = offsets[v], offsets[v + 1] - offsets[v]
         cost[v] = _view(
-            rows, parameters[camera[v]], T[v], theta[0], points, modes, uv, weight, first, n, loss, scale_sq, H[v], g[v]
+            rows, parameters[camera[v]], T[v], theta[0], points, modes, uv, weight, start, n, loss, scale_sq, H[v], g[v]
         )
 
 
-@njit(_SIGNATURE, cache=True, nogil=True, fastmath=FAST, error_model="numpy", parallel=True)
-def parallel(rows, parameters, camera, T, theta, modes, points, uv, weight, offsets, loss, scale_sq, H, g, cost):  # type: ignore[no-untyped-def]
-    """The same on all cores."""
-    for v in prange(offsets.shape[0] - 1):
-        first, n = offsets[v], offsets[v + 1] - offsets[v]
-        cost[v] = _view(
-            rows, parameters[camera[v]], T[v], theta[0], points, modes, uv, weight, first, n, loss, scale_sq, H[v], g[v]
-        )
+@njit(_RESIDUALS, cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+def residuals(rows, parameters, camera, T, theta, modes, points, uv, offsets, first, last, out):  # type: ignore[no-untyped-def]
+    """out (N, 2) = predicted - observed pixels of the views first <= v < last; NaN where the model sees no point."""
+    for v in range(first, last):
+        start, n = offsets[v], offsets[v + 1] - offsets[v]
+        k, M = parameters.shape[1], T[v]
+        p, predicted = np.empty((3, n)), np.empty((2, n))
+        J_point, J_parameters = np.empty((6, n)), np.empty((2 * k, n))
+        for i in range(n):
+            x, y, z = points[0, start + i], points[1, start + i], points[2, start + i]
+            for mode in range(modes.shape[0]):
+                x += theta[0, mode] * modes[mode, 0, start + i]
+                y += theta[0, mode] * modes[mode, 1, start + i]
+                z += theta[0, mode] * modes[mode, 2, start + i]
+            for row in range(3):
+                p[row, i] = M[row, 0] * x + M[row, 1] * y + M[row, 2] * z + M[row, 3]
+        rows(n, parameters[camera[v]], p, predicted, J_point, J_parameters)
+        for i in range(n):
+            out[start + i, 0] = predicted[0, i] - uv[0, start + i]
+            out[start + i, 1] = predicted[1, i] - uv[1, start + i]

@@ -28,11 +28,22 @@ EXACT = "prior"
 
 @dataclass(frozen=True, eq=False)
 class FactorBlocks:
-    """Normal equations of a factor, edge by edge: gradient[a] (m, k_a), hessian[a, b] (m, k_a, k_b) for slots a <= b."""
+    """Normal equations of a factor, edge by edge.
+
+    gradient[a] (m, k_a), hessian[a, b] (m, k_a, k_b) for slots a <= b, with respect to the natural tangents.
+    """
 
     cost: float
     gradient: tuple[Array, ...]
     hessian: Mapping[tuple[int, int], Array]
+
+    def scaled(self, factor: float) -> FactorBlocks:
+        """The same with every weight multiplied."""
+        return FactorBlocks(
+            self.cost * factor,
+            tuple(factor * g for g in self.gradient),
+            {slots: factor * H for slots, H in self.hessian.items()},
+        )
 
 
 class Factor(ABC):
@@ -124,7 +135,7 @@ class VectorPrior(Factor):
     """A vector is `mean` within `sigma`, component by component: r = (x - mean) / sigma (noise group "prior")."""
 
     def __init__(self, name: str, variable: str, index: int, mean: Array, *, sqrt_information: Array) -> None:
-        """sqrt_information (d, k): r = sqrt_information (x - mean); its square is the inverse covariance of the prior."""
+        """sqrt_information (d, k): r = sqrt_information (x - mean); its square is the prior's inverse covariance."""
         self.mean = np.asarray(mean, dtype=np.float64)
         self.sqrt_information = np.asarray(sqrt_information, dtype=np.float64)
         super().__init__(

@@ -65,6 +65,23 @@ def solve(
     equations = problem.linearize(values, levels)
     if not np.isfinite(equations.cost):
         raise InputError(_not_finite(problem, values))
+    return _iterate(problem, values, equations, levels, chosen)
+
+
+def solve_again(solution: Solution, sigmas: Mapping[str, float], *, options: SolverOptions | None = None) -> Solution:
+    """Continue from a solution with other noise levels, without evaluating again what is known there."""
+    levels = dict(sigmas)
+    equations = solution.problem.reweigh(solution.equations, solution.values, dict(solution.sigmas), levels)
+    return _iterate(solution.problem, solution.values, equations, levels, options or SolverOptions())
+
+
+def _iterate(
+    problem: Problem,
+    values: Values,
+    equations: NormalEquations,
+    levels: Mapping[str, float],
+    chosen: SolverOptions,
+) -> Solution:
     history = [equations.cost]
     damping, growth = chosen.initial_damping, 2.0
     status = Status.MAX_ITERATIONS
@@ -148,7 +165,7 @@ def _not_finite(problem: Problem, values: Values) -> str:
                 problem.variables[v].label(int(i[edge])) for v, i in zip(problem.structure.slots[k], factor.indices)
             )
             return (
-                f"the start of the calibration has no finite residual in {factor.name!r} ({where}): a point lies behind "
-                "the camera, or the data hold NaN; give a better start or leave this view out"
+                f"the start of the calibration has no finite residual in {factor.name!r} ({where}): a point lies "
+                "behind the camera, or the data hold NaN; give a better start or leave this view out"
             )
     return "the cost at the start is not finite; check the data for NaN and infinite values"

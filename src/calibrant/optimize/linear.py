@@ -22,7 +22,10 @@ PIVOT_TOLERANCE = 1e-14
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """H d = -g in the blocks of `structure`: V, v a batch of components each; W their coupling; S, s the dense part."""
+    """H d = -g in the blocks of `structure`: V, v a batch of components each; W their coupling; S, s the dense part.
+
+    factors: the edge blocks that were summed, one entry a factor.
+    """
 
     cost: float
     V: tuple[Array, ...]
@@ -30,6 +33,7 @@ class NormalEquations:
     W: tuple[Array, ...]
     S: Array
     s: Array
+    factors: tuple[FactorBlocks, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,25 +64,34 @@ def assemble(
     v = [np.zeros((n, b)) for b, n in structure.batches]
     W = [np.zeros((n, b, shared)) for b, n in structure.batches]
     S, s = np.zeros((shared, shared)), np.zeros(shared)
+    matrices: dict[str, Sequence[Array]] = {"V": V, "W": W, "S": [S]}
+    vectors: dict[str, Sequence[Array]] = {"v": v, "s": [s]}
     cost = 0.0
     for blocks, basis, scatters, gradients in zip(factors, bases, structure.scatters, structure.gradient_scatters):
         cost += blocks.cost
         for scatter in scatters:
             a, b = scatter.slots
-            block = blocks.hessian[a, b]
-            if basis[a] is not None:
-                block = np.swapaxes(basis[a], -1, -2) @ block
-            if basis[b] is not None:
-                block = block @ basis[b]
-            destination = {"V": V, "W": W, "S": [S]}[scatter.destination][scatter.batch]
-            _add(destination, scatter, np.swapaxes(block, -1, -2) if scatter.transpose else block)
+            block = in_free(blocks.hessian[a, b], basis[a], basis[b])
+            _add(matrices[scatter.destination][scatter.batch], scatter, _turned(block, scatter.transpose))
         for scatter in gradients:
             a = scatter.slots[0]
-            g = blocks.gradient[a]
-            if basis[a] is not None:
-                g = np.einsum("nkf,nk->nf", np.broadcast_to(basis[a], (len(g), *basis[a].shape[1:])), g)
-            _add({"v": v, "s": [s]}[scatter.destination][scatter.batch], scatter, g)
-    return NormalEquations(cost, tuple(V), tuple(v), tuple(W), S, s)
+            _add(vectors[scatter.destination][scatter.batch], scatter, _gradient_in_free(blocks.gradient[a], basis[a]))
+    return NormalEquations(cost, tuple(V), tuple(v), tuple(W), S, s, tuple(factors))
+
+
+def in_free(block: Array, left: Array | None, right: Array | None) -> Array:
+    """A block (m, p, q) of natural tangents in the free ones: left^T block right, None standing for the identity."""
+    if left is not None:
+        block = np.swapaxes(left, -1, -2) @ block
+    return block if right is None else block @ right
+
+
+def _gradient_in_free(gradient: Array, basis: Array | None) -> Array:
+    return gradient if basis is None else (gradient[:, None, :] @ basis)[:, 0]
+
+
+def _turned(block: Array, transpose: bool) -> Array:
+    return np.swapaxes(block, -1, -2) if transpose else block
 
 
 def _add(destination: Array, scatter: Scatter, blocks: Array) -> None:
@@ -88,7 +101,7 @@ def _add(destination: Array, scatter: Scatter, blocks: Array) -> None:
         blocks = blocks[scatter.sum_order]
     if scatter.sum_starts is not None:
         if len(scatter.sum_starts) == 1:
-            blocks = blocks.sum(axis=0, keepdims=True)
+            blocks = blocks.sum(axis=0)
         else:
             blocks = np.add.reduceat(blocks, scatter.sum_starts, axis=0)
     destination.reshape(-1)[scatter.target] += blocks.reshape(-1)
@@ -103,7 +116,7 @@ def _diagonal(M: Array) -> Array:
 def eliminate_numpy(V: Array, W: Array, v: Array, damping: float) -> Elimination:
     """Readable form of the compiled `eliminate`: Cholesky of V + damping diag V, forward substitution of W and v."""
     damped = V + damping * _diagonal(V)[..., None] * np.eye(V.shape[-1])
-    L = np.linalg.cholesky(damped)
+    L = np.linalg.cholesky(damped).astype(np.float64)
     rhs = np.concatenate([W, v[..., None]], axis=-1)
     solved = np.linalg.solve(L, rhs)
     return Elimination(L, solved[..., :-1], solved[..., -1], np.full(len(V), -1))
@@ -133,7 +146,7 @@ def reduce_shared(equations: NormalEquations, parts: Sequence[Elimination], damp
 
 
 def solve(equations: NormalEquations, damping: float) -> Step | None:
-    """One damped step, (H + damping diag H) d = -g. None when the matrix is not positive definite: raise the damping."""
+    """One damped step, (H + damping diag H) d = -g. None when the matrix is not positive definite: damp more."""
     from calibrant.optimize import linear_kernels
 
     parts = [eliminate(V, W, v, damping) for V, W, v in zip(equations.V, equations.W, equations.v)]

@@ -17,7 +17,7 @@ _FAST = {"reassoc", "contract", "arcp", "nsz"}
     error_model="numpy",
 )
 def eliminate(V, W, v, damping, tolerance, L, Y, z, weak):  # type: ignore[no-untyped-def]
-    """L L^T = V + damping diag V; Y = L^-1 W; z = L^-1 v. weak[c]: column of the first pivot lost to rounding, or -1."""
+    """L L^T = V + damping diag V; Y = L^-1 W; z = L^-1 v. weak[c]: first column whose pivot is rounding, or -1."""
     n, b, s = W.shape
     for c in range(n):
         weak[c] = -1

@@ -31,6 +31,11 @@ class Loss:
     kind: int = SQUARED
     scale_sq: float = 1.0
 
+    @property
+    def is_plain(self) -> bool:
+        """True for least squares: every residual has weight 1."""
+        return self.kind == SQUARED
+
     def evaluate(self, s: Array) -> tuple[Array, Array]:
         """rho(s) and its derivative, the weight, of squared whitened norms s >= 0."""
         k2 = self.scale_sq

@@ -91,7 +91,7 @@ class Euclidean(Manifold):
 
 @dataclass(frozen=True, eq=False)
 class Subspace(Manifold):
-    """Vectors that move only along the columns of `directions` (natural, free): tied parameters, equal focal lengths."""
+    """Vectors that move only along the columns of `directions` (natural, free): tied parameters."""
 
     names: tuple[str, ...]
     directions: Array
@@ -174,7 +174,7 @@ class Interval(Manifold):
 
 @dataclass(frozen=True)
 class SE3(Manifold):
-    """Rigid transforms (4, 4) in the chart of `se3.retract`: rotation about, then translation along, the parent's axes."""
+    """Rigid transforms (4, 4) in `se3.retract`'s chart: rotation about, then translation along, the parent's axes."""
 
     @property
     def value_shape(self) -> tuple[int, ...]:
@@ -227,9 +227,9 @@ class Variable:
     def __post_init__(self) -> None:
         values = np.array(self.values, dtype=np.float64)
         if values.shape[1:] != self.manifold.value_shape or len(values) == 0:
+            shape = ", ".join(map(str, self.manifold.value_shape))
             raise InputError(
-                f"variable {self.name!r}: expected values of shape (count, {', '.join(map(str, self.manifold.value_shape))}) "
-                f"with count >= 1, got {values.shape}"
+                f"variable {self.name!r}: expected values of shape (count, {shape}) with count >= 1, got {values.shape}"
             )
         if not np.all(np.isfinite(values)):
             raise InputError(f"variable {self.name!r} starts from NaN or infinite values")

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.optimize.factors import EXACT
-from calibrant.optimize.levenberg_marquardt import SolverOptions, solve
+from calibrant.optimize.levenberg_marquardt import SolverOptions, solve, solve_again
+from calibrant.optimize.linear import in_free
 from calibrant.optimize.problem import Problem, Values
 from calibrant.optimize.solution import Solution
 from calibrant.optimize.structure import SHARED
@@ -53,7 +54,7 @@ class NoiseLevel:
 
 @dataclass(frozen=True, eq=False)
 class NoiseEstimate:
-    """The solution at the estimated levels. chi_square: weighted residuals over redundancy, 1 when all is consistent."""
+    """The solution at the estimated levels; settled: the levels stopped changing within the rounds allowed."""
 
     solution: Solution
     levels: Mapping[str, NoiseLevel]
@@ -68,12 +69,13 @@ def redundancies(solution: Solution) -> dict[str, tuple[float, float, int]]:
     for k, factor in enumerate(problem.factors):
         if factor.noise == EXACT:
             continue
-        values = problem.gather(k, solution.values)
         sigma = problem.sigma(factor, levels)
-        norms = factor.whitened_norms(values, sigma=sigma)
-        weights = factor.loss.evaluate(norms**2)[1]
-        squares = float(np.sum(weights * norms**2)) * sigma**2
-        trace = _trace(solution, k, values)
+        if factor.loss.is_plain:
+            squares = 2 * solution.equations.factors[k].cost * sigma**2
+        else:
+            norms = factor.whitened_norms(problem.gather(k, solution.values), sigma=sigma)
+            squares = float(np.sum(factor.loss.evaluate(norms**2)[1] * norms**2)) * sigma**2
+        trace = _trace(solution, k)
         before = out.get(factor.noise, (0.0, 0.0, 0))
         out[factor.noise] = (
             before[0] + squares,
@@ -83,11 +85,10 @@ def redundancies(solution: Solution) -> dict[str, tuple[float, float, int]]:
     return out
 
 
-def _trace(solution: Solution, k: int, values: tuple[Array, ...]) -> float:
+def _trace(solution: Solution, k: int) -> float:
     """trace(H_k C) of one factor, edge by edge."""
     problem = solution.problem
-    factor = problem.factors[k]
-    blocks = factor.blocks(values, sigma=problem.sigma(factor, solution.sigmas))
+    factor, blocks = problem.factors[k], solution.equations.factors[k]
     bases = problem.bases(k, solution.values)
     slots = problem.structure.slots[k]
     total = 0.0
@@ -95,11 +96,7 @@ def _trace(solution: Solution, k: int, values: tuple[Array, ...]) -> float:
         C = _edge_covariance(solution, slots[a], factor.indices[a], slots[b], factor.indices[b])
         if C is None:
             continue
-        if bases[a] is not None:
-            H = np.swapaxes(bases[a], -1, -2) @ H
-        if bases[b] is not None:
-            H = H @ bases[b]
-        share = float(np.sum(H * C))
+        share = float(np.sum(in_free(H, bases[a], bases[b]) * C))
         total += share if a == b else 2 * share
     return total
 
@@ -149,15 +146,14 @@ def estimate_noise(
     estimate: dict[str, NoiseLevel] = {}
     settled, rounds = False, 0
     previous: dict[str, float] = {}
-    for rounds in range(1, MAX_ROUNDS + 1):
+    while not settled and rounds < MAX_ROUNDS:
+        rounds += 1
         estimate = _update(redundancies(solution), levels, lowest)
         change = {g: float(np.log(e.sigma / levels.get(g, 1.0))) for g, e in estimate.items()}
         settled = max(abs(c) for c in change.values()) < TOLERANCE
         ahead = {} if settled else {g: _extrapolation(c, previous.get(g)) for g, c in change.items()}
         levels = {**levels, **{g: max(e.sigma * np.exp(ahead.get(g, 0.0)), lowest[g]) for g, e in estimate.items()}}
-        solution = solve(problem, start=solution.values, sigmas=levels, options=options)
-        if settled:
-            break
+        solution = solve_again(solution, levels, options=options)
         # After a jump the next change is not part of the geometric series any more.
         previous = {g: c for g, c in change.items() if ahead[g] == 0.0}
     return NoiseEstimate(solution, estimate, rounds, settled)

@@ -14,7 +14,7 @@ from calibrant.optimize import linear
 from calibrant.optimize.factors import EXACT, Factor
 from calibrant.optimize.linear import NormalEquations, Step
 from calibrant.optimize.manifolds import Variable
-from calibrant.optimize.structure import SHARED, Structure, analyse
+from calibrant.optimize.structure import SHARED, Placement, Structure, analyse
 
 Array = NDArray[np.float64]
 Values = tuple[Array, ...]
@@ -97,14 +97,30 @@ class Problem:
 
     def gather(self, factor_index: int, values: Values) -> tuple[Array, ...]:
         """Values of a factor's slots, one row an edge."""
-        factor, slots = self.factors[factor_index], self.structure.slots[factor_index]
-        return tuple(
-            values[v] if _is_identity(i, len(values[v])) else values[v][i] for v, i in zip(slots, factor.indices)
-        )
+        slots, picks = self.structure.slots[factor_index], self.structure.picks[factor_index]
+        return tuple(values[v] if i is None else values[v][i] for v, i in zip(slots, picks))
 
     def linearize(self, values: Values, sigmas: Mapping[str, float]) -> NormalEquations:
         """Normal equations at `values`."""
         blocks = [f.blocks(self.gather(k, values), sigma=self.sigma(f, sigmas)) for k, f in enumerate(self.factors)]
+        return linear.assemble(self.structure, blocks, bases=[self.bases(k, values) for k in range(len(self.factors))])
+
+    def reweigh(
+        self, equations: NormalEquations, values: Values, before: Mapping[str, float], after: Mapping[str, float]
+    ) -> NormalEquations:
+        """The normal equations at the same values with other noise levels.
+
+        A plain square scales with its weight; a robust loss has to be evaluated again.
+        """
+        blocks = []
+        for k, (factor, known) in enumerate(zip(self.factors, equations.factors)):
+            old, new = self.sigma(factor, before), self.sigma(factor, after)
+            if old == new:
+                blocks.append(known)
+            elif factor.loss.is_plain:
+                blocks.append(known.scaled((old / new) ** 2))
+            else:
+                blocks.append(factor.blocks(self.gather(k, values), sigma=new))
         return linear.assemble(self.structure, blocks, bases=[self.bases(k, values) for k in range(len(self.factors))])
 
     def bases(self, factor_index: int, values: Values) -> list[Array | None]:
@@ -123,21 +139,23 @@ class Problem:
             if placement is None:
                 out.append(value)
                 continue
-            free = np.empty((variable.count, placement.dim))
-            columns = placement.offset[:, None] + np.arange(placement.dim)
-            shared = placement.batch == SHARED
-            if shared.any():
-                free[shared] = step.shared[columns[shared]]
-            for batch, d in enumerate(step.components):
-                mine = placement.batch == batch
-                if mine.any():
-                    free[mine] = d[placement.row[mine][:, None], columns[mine]]
-            out.append(variable.manifold.retract(value, free))
+            out.append(variable.manifold.retract(value, _free_step(step, placement)))
         return tuple(out)
 
 
-def _is_identity(index: NDArray[np.int64], count: int) -> bool:
-    return len(index) == count and index[0] == 0 and index[-1] == count - 1 and bool(np.all(np.diff(index) == 1))
+def _free_step(step: Step, p: Placement) -> Array:
+    """A variable's part of a step, (count, free)."""
+    if p.together == SHARED:
+        first = int(p.offset[0])
+        return step.shared[first : first + p.dim * len(p.offset)].reshape(-1, p.dim)
+    if p.together is not None:
+        return step.components[p.together]
+    free = np.empty((len(p.offset), p.dim))
+    columns = p.offset[:, None] + np.arange(p.dim)
+    for batch, d in enumerate(step.components):
+        mine = p.batch == batch
+        free[mine] = d[p.row[mine][:, None], columns[mine]]
+    return free
 
 
 def problem(variables: Sequence[Variable], factors: Sequence[Factor], **sigmas: float) -> Problem:

@@ -1,4 +1,4 @@
-"""A solved problem: values, how the solve ended, and its covariance, block by block, in time linear in the components."""
+"""A solved problem: values, how the solve ended, and its covariance, block by block, in linear time."""
 
 from __future__ import annotations
 
@@ -75,8 +75,14 @@ class Solution:
 
     def residuals(self, factor: str) -> Array:
         """Residuals (N, dim) of a factor by name, unweighted: predicted minus observed."""
-        k = self._factor_index(factor)
-        return self.problem.factors[k].residuals(*self.problem.gather(k, self.values))
+        if factor not in self._residuals:
+            k = self._factor_index(factor)
+            self._residuals[factor] = self.problem.factors[k].residuals(*self.problem.gather(k, self.values))
+        return self._residuals[factor]
+
+    @cached_property
+    def _residuals(self) -> dict[str, Array]:
+        return {}
 
     def weights(self, factor: str) -> Array:
         """Robust weight (N,) that each residual block ended with: 1 is full, 0 is ignored."""

@@ -21,8 +21,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from calibrant.optimize.factors import Factor
 from calibrant.optimize.manifolds import Variable
@@ -34,36 +32,47 @@ SHARED = -1
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Where each instance of a variable sits: batch (SHARED for the dense part), row in the batch, first column."""
+    """Where each instance of a variable sits: batch (SHARED for the dense part), row in the batch, first column.
+
+    together: the batch (or SHARED) that its instances fill in order, nothing between them; None when they are spread.
+    """
 
     batch: Indices
     row: Indices
     offset: Indices
     dim: int
+    together: int | None
 
 
 @dataclass(frozen=True, eq=False)
 class Scatter:
-    """Adds edge blocks into one flat array: flat[target] += blocks[edges] (transposed when asked)."""
+    """Adds edge blocks into one flat array: flat[target] += blocks[edges] (transposed when asked).
+
+    target: positions, or a slice where they follow each other.
+    """
 
     destination: str
     batch: int
     slots: tuple[int, int]
     transpose: bool
     edges: Indices | None
-    target: Indices
+    target: Indices | slice
     sum_order: Indices | None
     sum_starts: Indices | None
 
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """Index maps of a problem. batches: (component size, number of components); shared: dense dimension."""
+    """Index maps of a problem. batches: (component size, number of components); shared: dense dimension.
+
+    picks: for each factor and slot the instance of every edge, None where edge i uses instance i.
+    """
 
     placements: tuple[Placement | None, ...]
     batches: tuple[tuple[int, int], ...]
     shared: int
     slots: tuple[tuple[int, ...], ...]
+    picks: tuple[tuple[Indices | None, ...], ...]
     scatters: tuple[tuple[Scatter, ...], ...]
     gradient_scatters: tuple[tuple[Scatter, ...], ...]
 
@@ -78,7 +87,15 @@ def analyse(variables: Sequence[Variable], factors: Sequence[Factor]) -> Structu
     for factor, slot in zip(factors, slots):
         scatters.append(tuple(_matrix_scatters(factor, slot, placements, batches, shared)))
         gradients.append(tuple(_gradient_scatters(factor, slot, placements, batches)))
-    return Structure(placements, batches, shared, slots, tuple(scatters), tuple(gradients))
+    picks = tuple(
+        tuple(None if _in_order(i, variables[v].count) else i for v, i in zip(slot, factor.indices))
+        for factor, slot in zip(factors, slots)
+    )
+    return Structure(placements, batches, shared, slots, picks, tuple(scatters), tuple(gradients))
+
+
+def _in_order(index: Indices, count: int) -> bool:
+    return len(index) == count and bool(np.array_equal(index, np.arange(count)))
 
 
 def _components(
@@ -95,9 +112,13 @@ def _components(
         for other in members[1:]:
             rows.append(members[0])
             columns.append(other)
+    labels: NDArray[np.integer]
     if not rows:
         labels, n = np.arange(total), total
     else:
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
         i, j = np.concatenate(rows), np.concatenate(columns)
         n, labels = connected_components(coo_array((np.ones(len(i)), (i, j)), shape=(total, total)), directed=False)
     return {v: np.asarray(labels[starts[v] : starts[v] + variables[v].count], dtype=np.int64) for v in eliminated}, int(
@@ -154,43 +175,77 @@ def _place(
         row_of[batch_of == b] = np.arange(np.sum(batch_of == b))
     placements: list[Placement | None] = []
     shared = 0
-    for i, v in enumerate(variables):
-        if not v.free_dim:
+    for i, variable in enumerate(variables):
+        if not variable.free_dim:
             placements.append(None)
         elif i in eliminated:
             labels = components[i]
-            placements.append(Placement(batch_of[labels].astype(np.int64), row_of[labels], offsets[i], v.free_dim))
-        else:
-            columns = shared + v.free_dim * np.arange(v.count)
-            shared += v.free_dim * v.count
             placements.append(
-                Placement(np.full(v.count, SHARED), np.zeros(v.count, dtype=np.int64), columns, v.free_dim)
+                _eliminated(batch_of[labels].astype(np.int64), row_of[labels], offsets[i], variable, distinct)
+            )
+        else:
+            columns = shared + variable.free_dim * np.arange(variable.count)
+            shared += variable.free_dim * variable.count
+            placements.append(
+                Placement(
+                    np.full(variable.count, SHARED),
+                    np.zeros(variable.count, dtype=np.int64),
+                    columns,
+                    variable.free_dim,
+                    SHARED,
+                )
             )
     batches = tuple((size, int(np.sum(batch_of == b))) for b, size in enumerate(distinct))
     return tuple(placements), batches, shared
 
 
-def _scatter(
-    destination: str, batch: int, slots: tuple[int, int], transpose: bool, edges: Indices | None, target: Indices
-) -> Scatter:
-    """Index map of blocks (e, p, q) to flat positions (e, p * q), summing edges that share a position first."""
-    flat = target.reshape(len(target), -1)
-    keys = flat[:, 0]
-    order = np.argsort(keys, kind="stable")
-    starts = np.flatnonzero(np.r_[True, np.diff(keys[order]) != 0])
-    if len(starts) == len(keys):
-        return Scatter(destination, batch, slots, transpose, edges, flat.ravel(), None, None)
-    unique = flat[order[starts]].ravel()
-    already_sorted = np.array_equal(order, np.arange(len(order)))
-    return Scatter(destination, batch, slots, transpose, edges, unique, None if already_sorted else order, starts)
+def _eliminated(batch: Indices, row: Indices, offset: Indices, variable: Variable, sizes: Sequence[int]) -> Placement:
+    whole = sizes[batch[0]] == variable.free_dim and bool(np.all(batch == batch[0])) and _in_order(row, len(row))
+    return Placement(batch, row, offset, variable.free_dim, int(batch[0]) if whole else None)
 
 
-def _positions(p: Placement, q: Placement, i: Indices, j: Indices, *, width: int, height: int) -> Indices:
-    """Flat positions (e, dim_p, dim_q) in an array (rows, height, width) of the blocks of instances i and j."""
+@dataclass(frozen=True, eq=False)
+class _Target:
+    """An array (rows, height, width), flat, that edge blocks are added to."""
+
+    destination: str
+    batch: int
+    height: int
+    width: int
+
+
+def _matrix_scatter(
+    into: _Target, slots: tuple[int, int], transpose: bool, edges: Indices | None, p: Placement, q: Placement,
+    i: Indices, j: Indices,
+) -> Scatter:  # fmt: skip
+    """Map of the blocks (e, p.dim, q.dim) of instances i and j."""
     row = p.row[i] if p.batch[i[0]] != SHARED else q.row[j]
-    down = p.offset[i][:, None, None] + np.arange(p.dim)[:, None]
-    across = q.offset[j][:, None, None] + np.arange(q.dim)
-    return row[:, None, None] * (height * width) + down * width + across
+    corner = row * (into.height * into.width) + p.offset[i] * into.width + q.offset[j]
+    return _scatter(into, slots, transpose, edges, corner, np.arange(p.dim)[:, None] * into.width + np.arange(q.dim))
+
+
+def _scatter(
+    into: _Target, slots: tuple[int, int], transpose: bool, edges: Indices | None, corner: Indices, block: Indices
+) -> Scatter:
+    """Edge e adds to the positions corner[e] + block; edges that share a corner are summed first."""
+    order = np.argsort(corner, kind="stable")
+    ranked = corner[order]
+    starts = np.flatnonzero(np.concatenate([[True], ranked[1:] != ranked[:-1]]))
+    distinct = len(starts) == len(corner)
+    corners = corner if distinct else ranked[starts]
+    target = _contiguous((corners[:, None] + block.ravel()).ravel())
+    if distinct:
+        return Scatter(into.destination, into.batch, slots, transpose, edges, target, None, None)
+    sum_order = None if _in_order(order, len(order)) else order
+    return Scatter(into.destination, into.batch, slots, transpose, edges, target, sum_order, starts)
+
+
+def _contiguous(positions: Indices) -> Indices | slice:
+    """A slice in place of positions that follow each other: adding to it needs no index."""
+    first, n = int(positions[0]), len(positions)
+    if int(positions[-1]) - first == n - 1 and bool(np.all(positions[1:] > positions[:-1])):
+        return slice(first, first + n)
+    return positions
 
 
 def _matrix_scatters(
@@ -208,25 +263,35 @@ def _matrix_scatters(
             if p is None or q is None:
                 continue
             i, j = factor.indices[a], factor.indices[b]
-            pairs = np.stack([p.batch[i], q.batch[j]], axis=1)
-            for pa, pb in np.unique(pairs, axis=0).tolist():
-                chosen = np.flatnonzero((pairs[:, 0] == pa) & (pairs[:, 1] == pb))
+            batch_a, batch_b = p.batch[i], q.batch[j]
+            for pa, pb in _distinct_pairs(batch_a, batch_b):
+                chosen = np.flatnonzero((batch_a == pa) & (batch_b == pb))
                 edges = None if len(chosen) == len(i) else chosen
                 ie, je = i[chosen], j[chosen]
-                if pa == SHARED and pb == SHARED:
-                    kind, batch, height, width = "S", 0, shared, shared
-                elif pa != SHARED and pb != SHARED:
-                    kind, batch, height, width = "V", pa, batches[pa][0], batches[pa][0]
-                else:
-                    kind, batch, width = "W", max(pa, pb), shared
-                    height = batches[batch][0]
-                if kind != "W" or pa != SHARED:
-                    target = _positions(p, q, ie, je, width=width, height=height)
-                    out.append(_scatter(kind, batch, (a, b), False, edges, target))
-                if (kind == "W" and pa == SHARED) or (kind != "W" and a != b):
-                    target = _positions(q, p, je, ie, width=width, height=height)
-                    out.append(_scatter(kind, batch, (a, b), True, edges, target))
+                into = _target(pa, pb, batches, shared)
+                coupling = into.destination == "W"
+                if not coupling or pa != SHARED:
+                    out.append(_matrix_scatter(into, (a, b), False, edges, p, q, ie, je))
+                if (coupling and pa == SHARED) or (not coupling and a != b):
+                    out.append(_matrix_scatter(into, (a, b), True, edges, q, p, je, ie))
     return out
+
+
+def _target(a: int, b: int, batches: Sequence[tuple[int, int]], shared: int) -> _Target:
+    """Where the blocks between unknowns of batches a and b go."""
+    if a == SHARED and b == SHARED:
+        return _Target("S", 0, shared, shared)
+    if a != SHARED and b != SHARED:
+        return _Target("V", a, batches[a][0], batches[a][0])
+    batch = max(a, b)
+    return _Target("W", batch, batches[batch][0], shared)
+
+
+def _distinct_pairs(a: Indices, b: Indices) -> list[tuple[int, int]]:
+    """The pairs (a_i, b_i) that occur, sorted."""
+    if bool(np.all(a == a[0])) and bool(np.all(b == b[0])):
+        return [(int(a[0]), int(b[0]))]
+    return sorted(set(zip(a.tolist(), b.tolist())))
 
 
 def _gradient_scatters(
@@ -243,6 +308,7 @@ def _gradient_scatters(
             edges = None if len(chosen) == len(i) else chosen
             ie = i[chosen]
             height = 0 if batch == SHARED else batches[batch][0]
-            target = p.row[ie][:, None] * height + p.offset[ie][:, None] + np.arange(p.dim)
-            out.append(_scatter("s" if batch == SHARED else "v", max(batch, 0), (a, a), False, edges, target))
+            into = _Target("s" if batch == SHARED else "v", max(batch, 0), height, 1)
+            corner = p.row[ie] * height + p.offset[ie]
+            out.append(_scatter(into, (a, a), False, edges, corner, np.arange(p.dim)))
     return out

@@ -20,7 +20,7 @@ from calibrant.detect.charuco_corners import Corners, corner_anchors, grow_corne
 from calibrant.detect.charuco_reasons import why_not_found
 from calibrant.detect.detection import Detection, Grey
 from calibrant.detect.markers import agreeing_group, is_negative, read_markers
-from calibrant.detect.opencv import ALL_WINDOWS, FINE_WINDOWS, Markers, find_markers
+from calibrant.detect.opencv import ALL_WINDOWS, FINE_WINDOWS, MIDDLE_WINDOWS, Markers, find_markers
 from calibrant.errors import InputError
 from calibrant.targets.charuco import Charuco
 from calibrant.targets.target import Target
@@ -68,12 +68,18 @@ class CharucoDetector:
 
 
 def _searches(grey: Grey, target: Charuco) -> Iterator[Markers]:
-    """Markers found with more and more effort."""
+    """Markers found with more and more effort; the last effort is made only where some marker was seen before."""
     factor = max(1, round(max(grey.shape) / COARSE_SIDE_PX))
+    seen = 0
     while factor > 1:
-        yield find_markers(grey, target.dictionary, factor=factor, windows=FINE_WINDOWS)
+        markers = find_markers(grey, target.dictionary, factor=factor, windows=FINE_WINDOWS)
+        seen += len(markers)
+        yield markers
         factor //= 2
-    yield find_markers(grey, target.dictionary, windows=ALL_WINDOWS)
+    markers = find_markers(grey, target.dictionary, windows=MIDDLE_WINDOWS)
+    yield markers
+    if seen + len(markers):
+        yield find_markers(grey, target.dictionary, windows=ALL_WINDOWS)
 
 
 def _best_board(grey: Grey, target: Charuco, markers: Markers) -> _Board | None:

@@ -23,8 +23,9 @@ _FAMILIES = (
 )
 # Small dictionaries are misread in texture now and then; three different markers of one are no accident.
 _LEAST_OTHER_MARKERS = 3
-# A board of another dictionary is named from an image of about this many pixels along its longer side.
-_LOOK_SIDE_PX = 1000
+# A board of another dictionary is named from an image of about this many pixels along its longer side: it is looked for
+# in every picture without the board, and must cost little there.
+_LOOK_SIDE_PX = 640
 
 
 def why_not_found(grey: Grey, target: Charuco, markers: Markers) -> Detection:

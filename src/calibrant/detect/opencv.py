@@ -22,12 +22,13 @@ Array = NDArray[np.float64]
 
 # Search windows of the adaptive threshold, pixels: a few pixels find thin and small borders, 23 find wide ones.
 FINE_WINDOWS = (7,)
+MIDDLE_WINDOWS = (13,)
 ALL_WINDOWS = (7, 23)
 
 
 VERSION = tuple(int(n) for n in cv2.__version__.split(".")[:2])
-# Before 4.14 its CharucoDetector counted from the corner of the top left pixel, unlike the rest of the library (measured
-# on drawn boards; a test watches it).
+# Before 4.14 its CharucoDetector counted from the corner of the top left pixel, unlike the rest of the library
+# (measured on drawn boards; a test watches it).
 CHARUCO_OFFSET_PX = 0.5 if VERSION < (4, 14) else 0.0
 
 

@@ -10,7 +10,7 @@ its files are in OpenCV's order, which is read here. Source: Brown 1966, "Decent
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 from calibrant.cameras.perspective import Perspective
 
@@ -18,10 +18,10 @@ from calibrant.cameras.perspective import Perspective
 class Brown(Perspective):
     """Radial (k1 k2 k3) and tangential (p1 p2) distortion, OpenCV's order."""
 
-    name: ClassVar[str] = "brown"
-    parameter_names: ClassVar[tuple[str, ...]] = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
-    parameter_units: ClassVar[tuple[str, ...]] = ("px",) * 4 + ("1",) * 5
-    summary: ClassVar[str] = "ordinary lenses up to about 90 degrees of view"
+    name: str = "brown"
+    parameter_names: tuple[str, ...] = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+    parameter_units: tuple[str, ...] = ("px",) * 4 + ("1",) * 5
+    summary: str = "ordinary lenses up to about 90 degrees of view"
 
     def rows(self) -> Any:
         from calibrant.cameras.brown_rows import rows

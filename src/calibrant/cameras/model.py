@@ -25,13 +25,13 @@ REQUIRED = ("fx", "fy", "cx", "cy")
 class CameraModel(ABC):
     """One camera model. Subclass it in a file of its own and register it in `cameras/registry.py`."""
 
-    name: ClassVar[str]
-    parameter_names: ClassVar[tuple[str, ...]]
-    parameter_units: ClassVar[tuple[str, ...]]
+    name: str
+    parameter_names: tuple[str, ...]
+    parameter_units: tuple[str, ...]
     """Unit of each parameter, "px", "rad", "px/m" or "1", in the order of `parameter_names`."""
     neutral: ClassVar[dict[str, float]] = {}
     """Values of the terms that are left out, where that is not 0."""
-    summary: ClassVar[str] = ""
+    summary: str = ""
     """When to use it, in a few words."""
 
     @abstractmethod

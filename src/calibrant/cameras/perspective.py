@@ -51,7 +51,7 @@ class Perspective(CameraModel):
         return plane_distortion.radius_limit(plane_distortion.padded(parameters[4:]))
 
     def inside(self, parameters: Array, p: Array) -> Mask:
-        limit = plane_distortion.FOLD_MARGIN * self.field_limit(parameters)
+        limit = self.field_limit(parameters)
         return np.hypot(p[..., 0], p[..., 1]) < limit * p[..., 2]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,10 +14,10 @@ from calibrant.cameras.perspective import inverse_depth
 class Pinhole(CameraModel):
     """Ideal perspective camera without distortion."""
 
-    name: ClassVar[str] = "pinhole"
-    parameter_names: ClassVar[tuple[str, ...]] = ("fx", "fy", "cx", "cy")
-    parameter_units: ClassVar[tuple[str, ...]] = ("px", "px", "px", "px")
-    summary: ClassVar[str] = "ideal or undistorted images"
+    name: str = "pinhole"
+    parameter_names: tuple[str, ...] = ("fx", "fy", "cx", "cy")
+    parameter_units: tuple[str, ...] = ("px", "px", "px", "px")
+    summary: str = "ideal or undistorted images"
 
     def project(self, parameters: ArrayLike, p_camera: ArrayLike) -> Array:
         fx, fy, cx, cy = np.asarray(parameters, dtype=np.float64)

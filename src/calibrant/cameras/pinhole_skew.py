@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,10 +14,10 @@ from calibrant.cameras.perspective import inverse_depth
 class PinholeSkew(CameraModel):
     """Ideal perspective camera whose pixel axes need not be at right angles."""
 
-    name: ClassVar[str] = "pinhole_skew"
-    parameter_names: ClassVar[tuple[str, ...]] = ("fx", "fy", "cx", "cy", "skew")
-    parameter_units: ClassVar[tuple[str, ...]] = ("px",) * 5
-    summary: ClassVar[str] = "scanned or re-photographed images, general homographies; no distortion"
+    name: str = "pinhole_skew"
+    parameter_names: tuple[str, ...] = ("fx", "fy", "cx", "cy", "skew")
+    parameter_units: tuple[str, ...] = ("px",) * 5
+    summary: str = "scanned or re-photographed images, general homographies; no distortion"
 
     def project(self, parameters: ArrayLike, p_camera: ArrayLike) -> Array:
         fx, fy, cx, cy, skew = np.asarray(parameters, dtype=np.float64)

@@ -11,6 +11,7 @@ Reconstruction"; Louhichi et al. 2007 for the tilt).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -21,9 +22,6 @@ Array = NDArray[np.float64]
 TERMS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tx", "ty")
 _NUMERATOR, _DENOMINATOR = [0, 1, 4], [5, 6, 7]
 _ITERATIONS = 100
-FOLD_MARGIN = 1.1
-"""Decentering and prism terms shift the fold of the radial part a little: a root further out than this belongs to
-another branch of the polynomial, a nearer one is judged by the determinant."""
 
 
 class Plane(NamedTuple):
@@ -136,12 +134,24 @@ def _radial(terms: Array, r2: Array) -> tuple[Array, Array, Array]:
 
 
 def radius_limit(terms: Array) -> float:
-    """First radius where the radial part stops growing, d(r g)/dr = 0, or its denominator vanishes; inf if neither."""
-    s = np.polynomial.Polynomial([0.0, 1.0])
+    """Radius of the disc on which the distortion is one to one; inf when nothing bounds it.
+
+    The radial part has the slopes g across and d(r g)/dr along the radius; decentering and prism terms add a matrix of
+    norm 6 |p| r + 2 |s13| r + 4 |s24| r^3 at most. While both slopes exceed that, the Jacobian is positive definite, and
+    a map that is so on a convex region is one to one. Without these terms it is the fold itself.
+    """
+    r = np.polynomial.Polynomial([0.0, 1.0])
+    even = r * r
     N = np.polynomial.Polynomial([1.0, *terms[_NUMERATOR]])
     D = np.polynomial.Polynomial([1.0, *terms[_DENOMINATOR]])
-    slope = N * D + 2 * s * (N.deriv() * D - N * D.deriv())
-    return float(np.sqrt(min(first_positive_root(slope.coef), first_positive_root(D.coef))))
+    slope = N * D + 2 * r * (N.deriv() * D - N * D.deriv())
+    by_r = 6 * np.hypot(terms[2], terms[3]) + 2 * np.hypot(terms[8], terms[10])
+    by_r3 = 4 * np.hypot(terms[9], terms[11])
+    if by_r == 0 and by_r3 == 0:
+        return float(np.sqrt(min(first_positive_root(p.coef) for p in (slope, N, D))))
+    other = by_r * r + by_r3 * r**3
+    bounds = (slope(even) - other * D(even) ** 2, N(even) - other * D(even), D(even))
+    return min(first_positive_root(p.coef) for p in bounds)
 
 
 def first_positive_root(coefficients: Array) -> float:
@@ -166,11 +176,13 @@ def undistort(terms: Array, xd: Array, yd: Array) -> tuple[Array, Array]:
         if terms[12] or terms[13]:
             M, _, _ = tilt(terms[12], terms[13])
             a, b, w = np.moveaxis(np.stack([xd, yd, np.ones_like(xd)], axis=-1) @ np.linalg.inv(M).T, -1, 0)
-            u, v = a / w, b / w
+            u, v = np.where(w > 0, a / w, np.nan), b / w
         rd = np.hypot(u, v)
         r = _radial_inverse(terms, rd, limit)
         scale = np.where(rd > 0, r / np.where(rd > 0, rd, 1.0), 1.0)
-        return _newton(terms, xd, yd, u * scale, v * scale, limit)
+        x, y, good = solve_plane(lambda a, b: distort(terms, a, b), xd, yd, u * scale, v * scale)
+        good &= np.hypot(x, y) < limit
+    return np.where(good, x, np.nan), np.where(good, y, np.nan)
 
 
 def _radial_inverse(terms: Array, rd: Array, limit: float) -> Array:
@@ -198,9 +210,11 @@ def _radial_inverse(terms: Array, rd: Array, limit: float) -> Array:
     return r
 
 
-def _newton(terms: Array, xd: Array, yd: Array, x: Array, y: Array, limit: float) -> tuple[Array, Array]:
-    """Damped Newton iteration from x, y; NaN where it does not arrive before the fold."""
-    at = distort(terms, x, y)
+def solve_plane(
+    evaluate: Callable[[Array, Array], Plane], xd: Array, yd: Array, x: Array, y: Array
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """x, y with evaluate(x, y) = xd, yd by damped Newton steps from x, y, and where they arrived, not mirrored."""
+    at = evaluate(x, y)
     error = np.hypot(at.x - xd, at.y - yd)
     share = np.ones_like(error)
     for _ in range(_ITERATIONS):
@@ -208,7 +222,7 @@ def _newton(terms: Array, xd: Array, yd: Array, x: Array, y: Array, limit: float
         ex, ey = at.x - xd, at.y - yd
         dx, dy = (at.yy * ex - at.xy * ey) / det, (at.xx * ey - at.yx * ex) / det
         nx, ny = x - share * dx, y - share * dy
-        trial = distort(terms, nx, ny)
+        trial = evaluate(nx, ny)
         new = np.hypot(trial.x - xd, trial.y - yd)
         better = new < error
         x, y, error = np.where(better, nx, x), np.where(better, ny, y), np.where(better, new, error)
@@ -218,5 +232,4 @@ def _newton(terms: Array, xd: Array, yd: Array, x: Array, y: Array, limit: float
             break
     # A pixel is resolved to 1e-12 of the focal length, 1e-9 px: rounding of the polynomial is a thousand times less.
     good = (error < 1e-12 * (1 + np.hypot(xd, yd))) & (at.xx * at.yy - at.xy * at.yx > 0)
-    good &= np.hypot(x, y) < FOLD_MARGIN * limit
-    return np.where(good, x, np.nan), np.where(good, y, np.nan)
+    return x, y, good

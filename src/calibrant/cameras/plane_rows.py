@@ -57,6 +57,33 @@ def radius_limit(k1, k2, k3):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _slack(k1, k2, k3, p, r):  # type: ignore[no-untyped-def]
+    s = r * r
+    across, along = 1.0 + s * (k1 + s * (k2 + s * k3)), 1.0 + s * (3.0 * k1 + s * (5.0 * k2 + s * 7.0 * k3))
+    return min(across, along) - 6.0 * p * r
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def disc(k1, k2, k3, p):  # type: ignore[no-untyped-def]
+    """Radius up to which min(g, d(r g)/dr) > 6 |p| r, as `plane_distortion.radius_limit`; scanned in the angle."""
+    if p == 0.0:
+        return radius_limit(k1, k2, k3)
+    low = 0.0
+    for i in range(1, 2000):
+        high = np.tan(0.5 * np.pi * i / 2000)
+        if not _slack(k1, k2, k3, p, high) > 0.0:
+            for _ in range(60):
+                middle = 0.5 * (low + high)
+                if _slack(k1, k2, k3, p, middle) > 0.0:
+                    low = middle
+                else:
+                    high = middle
+            return low
+        low = high
+    return np.inf
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def radial_inverse(k1, k2, k3, limit, rd):  # type: ignore[no-untyped-def]
     """r in [0, limit) with r g(r^2) = rd, Newton's method within a bracket; just below `limit` when rd is beyond it."""
     low, high = 0.0, 0.9999 * limit

@@ -8,7 +8,7 @@ Source: Claus and Fitzgibbon 2005, "A rational function lens distortion model"; 
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 from calibrant.cameras.perspective import Perspective
 
@@ -16,13 +16,13 @@ from calibrant.cameras.perspective import Perspective
 class Rational(Perspective):
     """Radial distortion as a ratio of two cubics in r^2, and p1 p2."""
 
-    name: ClassVar[str] = "rational"
-    parameter_names: ClassVar[tuple[str, ...]] = (
+    name: str = "rational"
+    parameter_names: tuple[str, ...] = (
         *("fx", "fy", "cx", "cy"),
         *("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
     )
-    parameter_units: ClassVar[tuple[str, ...]] = ("px",) * 4 + ("1",) * 8
-    summary: ClassVar[str] = "wide perspective lenses up to about 120 degrees"
+    parameter_units: tuple[str, ...] = ("px",) * 4 + ("1",) * 8
+    summary: str = "wide perspective lenses up to about 120 degrees"
 
     def rows(self) -> Any:
         from calibrant.cameras.rational_rows import rational

@@ -16,7 +16,7 @@ k2, k3 ... k6, s2, s4 held at 0.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 from calibrant.cameras.perspective import Perspective
 
@@ -24,14 +24,14 @@ from calibrant.cameras.perspective import Perspective
 class ThinPrism(Perspective):
     """Radial, decentering and thin prism distortion."""
 
-    name: ClassVar[str] = "thin_prism"
-    parameter_names: ClassVar[tuple[str, ...]] = (
+    name: str = "thin_prism"
+    parameter_names: tuple[str, ...] = (
         *("fx", "fy", "cx", "cy"),
         *("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
         *("s1", "s2", "s3", "s4"),
     )
-    parameter_units: ClassVar[tuple[str, ...]] = ("px",) * 4 + ("1",) * 12
-    summary: ClassVar[str] = "rational, and lens elements or sensors slightly askew"
+    parameter_units: tuple[str, ...] = ("px",) * 4 + ("1",) * 12
+    summary: str = "rational, and lens elements or sensors slightly askew"
 
     def rows(self) -> Any:
         from calibrant.cameras.rational_rows import thin_prism

@@ -9,7 +9,7 @@ cameras: an easy protocol"; OpenCV's CALIB_TILTED_MODEL.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 from calibrant.cameras.perspective import Perspective
 
@@ -17,14 +17,14 @@ from calibrant.cameras.perspective import Perspective
 class Tilted(Perspective):
     """Radial, decentering and thin prism distortion and a tilted sensor."""
 
-    name: ClassVar[str] = "tilted"
-    parameter_names: ClassVar[tuple[str, ...]] = (
+    name: str = "tilted"
+    parameter_names: tuple[str, ...] = (
         *("fx", "fy", "cx", "cy"),
         *("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
         *("s1", "s2", "s3", "s4", "tx", "ty"),
     )
-    parameter_units: ClassVar[tuple[str, ...]] = ("px",) * 4 + ("1",) * 12 + ("rad",) * 2
-    summary: ClassVar[str] = "Scheimpflug cameras, whose sensor is tilted on purpose"
+    parameter_units: tuple[str, ...] = ("px",) * 4 + ("1",) * 12 + ("rad",) * 2
+    summary: str = "Scheimpflug cameras, whose sensor is tilted on purpose"
 
     def rows(self) -> Any:
         from calibrant.cameras.rational_rows import tilted

@@ -1,0 +1,53 @@
+"""Single views that disagree with all others and with every repair: a wrong pose, a wrong image, a misread board."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from calibrant.diagnose.doctor.case import Case, loop_of
+from calibrant.diagnose.doctor.finding import Evidence, Finding
+from calibrant.diagnose.doctor.significance import confidence
+
+MOST = 1 / 3
+"""Where more of the views disagree, the fault is not in single views."""
+
+
+def examine(case: Case) -> list[Finding]:
+    """Views beyond the noise of the others. To be asked last: leaving out explains nothing."""
+    out = np.flatnonzero(case.robust.outlier)
+    if len(out) == 0:
+        return []
+    fit = case.robust.fit
+    names = tuple(case.ids[k] for k in out)
+    evidence = Evidence(case.loop, loop_of(fit.deviation[~case.robust.outlier]))
+    if len(out) > MOST * len(case.index):
+        message = (
+            f"{len(out)} of {len(case.index)} views disagree with the others ({', '.join(names[:8])}"
+            f"{' …' if len(names) > 8 else ''}): more than a third, so the fault is not in single views; check how poses "
+            "and images were recorded"
+        )
+        p = float(case.robust.p_value[out].max()) * len(case.index)
+        return [Finding("views-disagree", "fail", message, confidence(p), evidence, names)]
+    found = []
+    for k, name in zip(out, names):
+        d = fit.deviation[k]
+        mm, deg = 1e3 * np.linalg.norm(d[3:]), np.rad2deg(np.linalg.norm(d[:3]))
+        message = (
+            f"{name}: its robot pose and its image disagree by {mm:.3g} mm and {deg:.2g} deg, the others agree to "
+            f"{evidence.after.text}: a wrong pose, a wrong image or a misread board"
+        )
+        found.append(
+            Finding(
+                "bad-pose",
+                "warn",
+                message,
+                confidence(min(1.0, float(case.robust.p_value[k]) * len(case.index))),
+                evidence,
+                (name,),
+                proposal="leave the view out",
+                repair=partial(Case.without, rows=[int(case.index[k])], reason=f"left out: {message}"),
+            )
+        )
+    return found

@@ -1,0 +1,191 @@
+"""The data under examination: robot poses, target poses or views, and the operations that repairs are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.calibrate.hand_eye.robust import RobustFit, log_misfit, robust_fit
+from calibrant.calibrate.hand_eye.setup import Setup, get_setup
+from calibrant.calibrate.hand_eye.views import HandEyeViews, from_observations, from_target_poses
+from calibrant.cameras import Camera
+from calibrant.data import Missed, Observations, RobotPoses, View
+from calibrant.diagnose.doctor.finding import Loop
+from calibrant.geometry import se3
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """n robot poses matched with n target poses, in one setup.
+
+    data: the matched poses, with the views behind them where there are images. observations and camera: what the views
+    come from; camera_given: the camera was known before, not calibrated from these images. times (n,): seconds of each
+    moment, where they are known. scale: what the target was enlarged by in repairs.
+    """
+
+    setup: Setup
+    data: HandEyeViews
+    observations: Observations | None = None
+    camera: Camera | None = None
+    camera_given: bool = False
+    times: Array | None = None
+    scale: float = 1.0
+
+    def __len__(self) -> int:
+        return len(self.data)
+
+    @cached_property
+    def index(self) -> Index:
+        """Rows of the poses that are used."""
+        return np.flatnonzero(self.data.use)
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """Names of the poses that are used."""
+        return tuple(self.data.ids[i] for i in self.index)
+
+    @cached_property
+    def A(self) -> Array:
+        """(m, 4, 4) of the normal form A_i X B_i = Z, of the poses used."""
+        return self.setup.normal_form(self.data.T_base_gripper[self.index])
+
+    @property
+    def B(self) -> Array:
+        """(m, 4, 4) T_camera_target of the poses used."""
+        return self.data.B[self.index]
+
+    @property
+    def certainty(self) -> Array:
+        """(m,) how many times less certain each target pose is than a typical one."""
+        return self.data.certainty[self.index]
+
+    @cached_property
+    def robust(self) -> RobustFit:
+        """X and Z of the views that agree."""
+        return robust_fit(self.A, self.B, certainty=self.certainty)
+
+    @cached_property
+    def loop(self) -> Loop:
+        """The loop over all views used."""
+        return loop_of(self.robust.fit.deviation)
+
+    @cached_property
+    def misfit(self) -> float:
+        """Sum over the views of 3 ln distance + 3 ln angle: minus the log-likelihood of noise of unknown size."""
+        return 3 * float(log_misfit(self.robust.fit.deviation).sum())
+
+    @cached_property
+    def points(self) -> Array | None:
+        """All the target's points that any view shows, (p, 3) metres; None without images."""
+        if self.data.views is None:
+            return None
+        return np.unique(np.round(np.concatenate([v.points for v in self.data.views]), 9), axis=0)
+
+    def with_order(self, order: Index) -> Case:
+        """Row i gets the robot pose of row order[i]."""
+        return replace(self, data=replace(self.data, T_base_gripper=self.data.T_base_gripper[order]))
+
+    def with_boards(self, rows: Sequence[int], F: Array) -> Case:
+        """Target poses of `rows` become B F (F (4, 4) or (k, 4, 4)); their views get the points F^-1 p."""
+        B = self.data.B.copy()
+        B[list(rows)] = B[list(rows)] @ F
+        views = self.data.views
+        if views is not None:
+            names = _names_by_place(views)
+            turned = dict(zip(rows, np.broadcast_to(F, (len(rows), 4, 4))))
+            views = tuple(_turned(v, turned[i], names) if i in turned else v for i, v in enumerate(views))
+        return replace(self, data=replace(self.data, B=B, views=views), observations=self._observed(views))
+
+    def without(self, rows: Sequence[int], reason: str) -> Case:
+        """The same with these rows left out."""
+        dropped = np.zeros(len(self), dtype=bool)
+        dropped[list(rows)] = True
+        return replace(self, data=self.data.without(dropped, [reason] * len(self)))
+
+    def scaled(self, factor: float) -> Case:
+        """The target `factor` times as large: its points and its distances from the camera."""
+        B = self.data.B.copy()
+        B[:, :3, 3] *= factor
+        views = self.data.views
+        if views is not None:
+            views = tuple(replace(v, points=v.points * factor) for v in views)
+        data = replace(self.data, B=B, views=views)
+        return replace(self, data=data, observations=self._observed(views), scale=self.scale * factor)
+
+    def exchanged(self) -> Case:
+        """Robot poses and target poses in each other's place."""
+        return replace(self, data=replace(self.data, T_base_gripper=self.data.B, B=self.data.T_base_gripper))
+
+    def with_inverted_targets(self) -> Case:
+        """Target poses given as T_target_camera."""
+        return replace(self, data=replace(self.data, B=se3.inverse(self.data.B)))
+
+    @property
+    def poses(self) -> RobotPoses:
+        """The robot poses that are used."""
+        return RobotPoses(self.ids, self.data.T_base_gripper[self.index])
+
+    def target(self) -> Observations | Array:
+        """What `calibrate_hand_eye` takes beside the poses: observations of the views used, or target poses."""
+        if self.observations is None or self.data.views is None:
+            return self.B
+        out = set(self.data.ids) - set(self.ids)
+        left = [(v, r) for v, r, use in zip(self.data.views, self.data.reasons, self.data.use) if not use]
+        missed = tuple(Missed(v.id, r or "left out", v.camera, v.file) for v, r in left)
+        views = tuple(v for v in self.observations.views if v.moment not in out)
+        return replace(self.observations, views=views, missed=(*self.observations.missed, *missed))
+
+    def _observed(self, views: tuple[View, ...] | None) -> Observations | None:
+        """The observations with these views in the place of those of the same id."""
+        if self.observations is None or views is None:
+            return self.observations
+        new = {v.id: v for v in views}
+        return replace(self.observations, views=tuple(new.get(v.id, v) for v in self.observations.views))
+
+
+def case_of_poses(poses: RobotPoses, T_camera_target: Array, *, setup: str, times: Array | None = None) -> Case:
+    """A case of measured target poses (n, 4, 4), metres. Raises: InputError when the numbers differ."""
+    return Case(get_setup(setup), from_target_poses(poses, T_camera_target), times=times)
+
+
+def case_of_views(
+    poses: RobotPoses,
+    observations: Observations,
+    camera: Camera,
+    *,
+    setup: str,
+    camera_given: bool = False,
+    times: Array | None = None,
+) -> Case:
+    """A case of views whose moments carry the poses' ids. Raises: InputError as `from_observations`."""
+    data = from_observations(poses, observations, camera, sigma_px=1.0)
+    return Case(get_setup(setup), data, observations, camera, camera_given, times)
+
+
+def loop_of(deviation: Array) -> Loop:
+    """rms of deviations (n, 6), rad and m, as mm and deg."""
+    mm = 1e3 * np.sqrt(np.mean(np.sum(deviation[:, 3:] ** 2, axis=1)))
+    return Loop(float(mm), float(np.rad2deg(np.sqrt(np.mean(np.sum(deviation[:, :3] ** 2, axis=1))))))
+
+
+def _names_by_place(views: Sequence[View]) -> dict[tuple[int, ...], int]:
+    """Labels of the target's points by their place, in nanometres."""
+    return {_place(p): int(i) for v in views for p, i in zip(v.points, v.point_ids)}
+
+
+def _place(point: Array) -> tuple[int, ...]:
+    return tuple(int(x) for x in np.round(1e9 * point))
+
+
+def _turned(view: View, F: Array, names: dict[tuple[int, ...], int]) -> View:
+    """The view with its points moved by F^-1 and named as the points that lie there."""
+    points = np.round(se3.apply(se3.inverse(F), view.points), 12)
+    labels = [names.get(_place(p), int(i)) for p, i in zip(points, view.point_ids)]
+    return replace(view, points=points, point_ids=np.array(labels))

@@ -1,0 +1,56 @@
+"""Robot poses and target poses in each other's place: the loop closes either way, only plain sense can tell.
+
+A_i X B_i = Z gives B_i^-1 X^-1 A_i^-1 = Z^-1, the same equation with the roles exchanged. But a camera sees what is in
+front of it (z > 0) and inside its field of view; the poses of a gripper in its base obey no such rule.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.diagnose.doctor.case import Case
+from calibrant.diagnose.doctor.finding import Evidence, Finding
+from calibrant.diagnose.doctor.significance import confidence
+
+Array = NDArray[np.float64]
+
+HALF_FIELD = np.deg2rad(60)
+"""A target is seen whole and sharp within 60 degrees of the axis with any but a fisheye lens."""
+SEEN = 0.9
+NOT_SEEN = 0.8
+"""Shares of poses that lie in front of the camera: nearly all of them should, and a fifth never do not by mistake."""
+
+
+def visible(B: Array) -> NDArray[np.bool_]:
+    """Target poses (n, 4, 4) that a camera could see: in front of it and near its axis."""
+    t = B[:, :3, 3]
+    return np.asarray(t[:, 2] > np.cos(HALF_FIELD) * np.linalg.norm(t, axis=1))
+
+
+def examine(case: Case) -> list[Finding]:
+    """Would the robot poses pass for what a camera sees, and the target poses not?"""
+    if case.data.views is not None:
+        return []
+    as_given, other = visible(case.B), visible(case.data.T_base_gripper[case.index])
+    if as_given.mean() >= NOT_SEEN or other.mean() < SEEN:
+        return []
+    n = len(as_given)
+    message = (
+        f"robot poses and target poses are exchanged: {int(as_given.sum())} of the {n} target poses lie in front of "
+        f"a camera, {int(other.sum())} of the robot poses do; the loop closes either way "
+        f"({case.loop.text})"
+    )
+    return [
+        Finding(
+            "poses-exchanged",
+            "fail",
+            message,
+            # Each pose lies in the cone by chance with its share of the sphere, (1 - cos 60 deg) / 2 = 1/4.
+            confidence(0.25 ** int(other.sum() - as_given.sum())),
+            Evidence(case.loop, case.loop),
+            proposal="give each file to the other option",
+            repair=Case.exchanged,
+            gain=float(other.sum() - as_given.sum()) * np.log(4),
+        )
+    ]

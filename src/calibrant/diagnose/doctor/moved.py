@@ -1,0 +1,138 @@
+"""A target or a camera that moved in the middle of the session, and when.
+
+From some view k on the target sits elsewhere (another Z), or the camera does (another X). Every k is tried; the loop
+with two transforms must be narrower than six more unknowns make it, all k and both kinds counted (F test).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.calibrate.hand_eye.loop_fit import LoopFit, Model, fit_loop
+from calibrant.calibrate.hand_eye.robust import log_misfit
+from calibrant.diagnose.doctor.case import Case, loop_of
+from calibrant.diagnose.doctor.finding import Evidence, Finding, Loop
+from calibrant.diagnose.doctor.significance import CONVINCING, confidence, nested_test
+from calibrant.geometry import se3
+
+Array = NDArray[np.float64]
+What = Literal["target", "camera"]
+
+LEAST_PART = 3
+"""Fewer views before or after are single wrong poses: they do not determine where the thing went."""
+TRIED = 3
+"""Places that are fitted after the quick look at all of them."""
+BETTER = 1.5
+"""The loop must become 1.5 times narrower: drift and bending of an arm favour two places over one by tens of per
+cent."""
+CLEAR = 1e3
+"""How many times more likely target or camera must be for the doctor to say which."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Split:
+    what: What
+    first: int
+    fit: LoopFit
+    misfit: float
+
+
+def examine(case: Case) -> list[Finding]:
+    """Did the target or the camera move between two views?"""
+    n = len(case.index)
+    if n < 2 * LEAST_PART + 1:
+        return []
+    splits = [s for what in ("target", "camera") for s in _splits(case, what)]  # type: ignore[arg-type]
+    if not splits:
+        return []
+    best = min(splits, key=lambda s: s.misfit)
+    used = best.fit.used
+    single = fit_loop(case.A, case.B, case.robust.X, used=used, certainty=case.certainty)
+    levels = best.fit.sigma_rotation, best.fit.sigma_translation
+    before, after = single.squares(*levels), best.fit.squares(*levels)
+    p = nested_test(before, after, 6, best.fit.freedom, hypotheses=2 * (n - 2 * LEAST_PART + 1))
+    gain = case.misfit - best.misfit
+    if p > CONVINCING or before < BETTER**2 * after or gain <= 0:
+        return []
+    return [_finding(case, best, splits, single, p, gain)]
+
+
+def _splits(case: Case, what: What) -> list[_Split]:
+    """The most promising places of a move, fitted."""
+    n, robust = len(case.index), case.robust
+    if what == "target":
+        d = robust.fit.deviation
+    else:
+        # A X_i B = Z with Z as the others say: where each view puts the camera.
+        d = se3.local(robust.X, se3.inverse(case.A) @ robust.Z @ se3.inverse(case.B))
+    values = np.full(n, np.inf)
+    for k in range(LEAST_PART, n - LEAST_PART + 1):
+        parts = [part - np.median(part, axis=0) for part in (d[:k], d[k:])]
+        values[k] = log_misfit(np.concatenate(parts)).sum()
+    return [s for k in np.argsort(values, kind="stable")[:TRIED] if (s := _fitted(case, what, int(k))) is not None]
+
+
+def _fitted(case: Case, what: What, first: int) -> _Split | None:
+    """Two places fitted, without the views that fit neither."""
+    n, robust = len(case.index), case.robust
+    part = (np.arange(n) >= first).astype(np.intp)
+    one = np.zeros(n, dtype=np.intp)
+    model = Model(one, part) if what == "target" else Model(part, one)
+    used = np.ones(n, dtype=bool)
+    X = np.tile(robust.X, (model.cameras, 1, 1))
+    if what == "camera":
+        where = se3.inverse(case.A) @ robust.Z @ se3.inverse(case.B)
+        X = np.stack([_middle(where[part == k]) for k in (0, 1)])
+    for _ in range(3):
+        fit = fit_loop(case.A, case.B, X, model=model, used=used, certainty=case.certainty)
+        size = np.sum((fit.deviation / fit.sigmas) ** 2, axis=1)
+        typical = max(float(np.median(size)) / 5.348, 1e-9)  # median of chi-square with 6 degrees of freedom
+        kept = size / typical < 27.86 * 2  # P = 1e-4, twice: some of the freedom went into the fit
+        if any((kept & (part == k)).sum() < LEAST_PART for k in (0, 1)):
+            return None
+        X = fit.X
+        if np.array_equal(kept, used):
+            break
+        used = kept
+    return _Split(what, first, fit, 3 * float(log_misfit(fit.deviation).sum()))
+
+
+def _middle(T: Array) -> Array:
+    """The transform with the least sum of distances to the others."""
+    gaps = np.linalg.norm((T[:, None] - T).reshape(len(T), len(T), 16), axis=-1)
+    return T[int(np.argmin(gaps.sum(axis=1)))]
+
+
+def _finding(case: Case, best: _Split, splits: list[_Split], single: LoopFit, p: float, gain: float) -> Finding:
+    n, k = len(case.index), best.first
+    rival = min((s.misfit for s in splits if s.what != best.what), default=np.inf)
+    places = best.fit.Z if best.what == "target" else best.fit.X
+    move = se3.local(places[0], places[1])
+    text = f"{1e3 * np.linalg.norm(move[3:]):.3g} mm and {np.rad2deg(np.linalg.norm(move[:3])):.2g} deg"
+    parent = case.setup.target_parent if best.what == "target" else case.setup.camera_parent
+    before = loop_of(single.deviation)
+    evidence = Evidence(Loop(before.mm, before.deg), loop_of(best.fit.deviation))
+    if rival - best.misfit > np.log(CLEAR):
+        thing = f"the {best.what} moved by {text} in the {parent} frame"
+    else:
+        thing = f"the target or the camera moved (the {best.what} by {text}; the data do not tell which of the two)"
+    shorter = range(k) if k < n - k else range(k, n)
+    rows = [int(case.index[i]) for i in shorter]
+    kept = f"the {n - len(rows)} views {'from ' + case.ids[k] + ' on' if k < n - k else 'up to ' + case.ids[k - 1]}"
+    reason = f"left out: {thing} between {case.ids[k - 1]} and {case.ids[k]}"
+    return Finding(
+        f"{best.what}-moved",
+        "fail",
+        f"{thing} between {case.ids[k - 1]} and {case.ids[k]}: with two places {evidence.text}",
+        confidence(p),
+        evidence,
+        (case.ids[k - 1], case.ids[k]),
+        proposal=f"keep {kept}, or calibrate both parts apart",
+        repair=partial(Case.without, rows=rows, reason=reason),
+        gain=gain,
+    )

@@ -1,0 +1,139 @@
+"""Poses in the wrong order: shifted against the images, shifted from some view on, sorted as text, backwards.
+
+Whatever X is, robot and camera turn by the same angle between two views. Each order is judged by that alone, over all
+pairs of views; the best is then confirmed by the loop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.calibrate.hand_eye.robust import relative_angles
+from calibrant.diagnose.doctor.case import Case
+from calibrant.diagnose.doctor.finding import Evidence, Finding
+from calibrant.diagnose.doctor.significance import CONVINCING, confidence, ratio_test
+from calibrant.formats.natural_order import natural_key
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+LEAST_VIEWS = 5
+"""With four views the angles of a few pairs agree in a wrong order by chance."""
+LEAST_RUN = 4
+"""Shorter runs of shifted poses are exchanged poses, which is another finding."""
+FARTHEST_SHIFT = 3
+"""Shifts of the whole list by more places: a list that was matched by hand, not by a lost picture."""
+CONFIRMED = 3
+"""Orders whose loop is looked at."""
+RADIAN_FLOOR = 1e-4
+"""Angles that agree better than 0.006 degrees agree by chance, whatever the order."""
+BETTER = 2.0
+"""The loop must become half as wide: an order that is right makes it ten and more times narrower."""
+
+
+@dataclass(frozen=True, eq=False)
+class Order:
+    """Row i of the images belongs to row rows[i] of the poses."""
+
+    name: str
+    words: str
+    proposal: str
+    rows: Index
+
+
+def orders(names: Sequence[str]) -> Iterator[Order]:
+    """The wrong orders that occur, with what undoes them. Args: names of the images, n of them."""
+    n = len(names)
+    for shift in [s for k in range(1, FARTHEST_SHIFT + 1) for s in (k, -k) if k < n]:
+        side = "earlier" if shift > 0 else "later"
+        count = "one row" if abs(shift) == 1 else f"{abs(shift)} rows"
+        yield Order(
+            "poses-shifted",
+            f"the poses stand {count} too {'late' if shift > 0 else 'early'}",
+            f"pair every image with the pose {count} {'below' if shift > 0 else 'above'} its own ({side} than given)",
+            np.roll(np.arange(n), -shift),
+        )
+    for first in range(2, n - LEAST_RUN + 1):
+        for shift in (1, -1):
+            rows = np.arange(n)
+            rows[first:] = np.roll(rows[first:], -shift)
+            yield Order(
+                "poses-shifted",
+                f"from {names[first]} on the poses stand one row too {'late' if shift > 0 else 'early'}",
+                f"pair {names[first]} and what follows with the pose one row {'below' if shift > 0 else 'above'}",
+                rows,
+            )
+    text = sorted(range(n), key=lambda i: names[i])
+    natural = sorted(range(n), key=lambda i: natural_key(names[i]))
+    if text != natural:
+        forward, backward = np.empty(n, dtype=np.intp), np.empty(n, dtype=np.intp)
+        forward[text], backward[natural] = natural, text
+        words = "the poses are in the order of names sorted as text (0, 1, 10, 11, 2 …)"
+        yield Order("poses-sorted-as-text", words, "sort the names as numbers", forward)
+        words = "the images are in the order of names sorted as text (0, 1, 10, 11, 2 …)"
+        yield Order("poses-sorted-as-text", words, "sort the names as numbers", backward)
+    yield Order("poses-backwards", "the poses are listed backwards", "turn the list over", np.arange(n)[::-1])
+
+
+def incongruence(angles_a: Array, angles_b: Array) -> float:
+    """Mean over pairs of ln |angle_A - angle_B|, (n, n) each: lower is better, whatever the noise."""
+    upper = np.triu_indices(len(angles_a), 1)
+    return float(np.mean(np.log(np.abs(angles_a[upper] - angles_b[upper]) + RADIAN_FLOOR)))
+
+
+def congruent_orders(robot: Array, B: Array, used: Index, names: Sequence[str]) -> list[Order]:
+    """Orders that make robot (n, 4, 4) and camera (m, 4, 4, of the rows `used`) turn by more equal angles, best first."""
+    angles_a, angles_b = relative_angles(robot), relative_angles(B)
+    now = incongruence(angles_a[np.ix_(used, used)], angles_b)
+    found = []
+    for order in orders(names):
+        rows = order.rows[used]
+        value = incongruence(angles_a[np.ix_(rows, rows)], angles_b)
+        if value < now - np.log(1.2):
+            found.append((value, order))
+    found.sort(key=lambda item: item[0])
+    return [order for _, order in found]
+
+
+def examine(case: Case) -> list[Finding]:
+    """Is there an order of the poses in which the loop closes far better?"""
+    if len(case.index) < LEAST_VIEWS:
+        return []
+    candidates = congruent_orders(case.data.T_base_gripper, case.B, case.index, case.data.ids)
+    best: tuple[Order, Case] | None = None
+    for order in candidates[:CONFIRMED]:
+        repaired = case.with_order(order.rows)
+        if best is None or repaired.misfit < best[1].misfit:
+            best = order, repaired
+    if best is None:
+        return []
+    order, repaired = best
+    before, after = _typical(case), _typical(repaired)
+    p = ratio_test(before, after, 3 * len(case.index) - 6, hypotheses=4 * len(case))
+    gain = case.misfit - repaired.misfit
+    if p > CONVINCING or before < BETTER**2 * after or gain <= 0:
+        return []
+    evidence = Evidence(case.loop, repaired.loop)
+    return [
+        Finding(
+            order.name,
+            "fail",
+            f"{order.words}: paired rightly, {evidence.text}",
+            confidence(p),
+            evidence,
+            proposal=order.proposal,
+            repair=partial(Case.with_order, order=order.rows),
+            gain=gain,
+        )
+    ]
+
+
+def _typical(case: Case) -> float:
+    """Square of the median loop, distance times angle: what a few wrong views do not move."""
+    d = case.robust.fit.deviation
+    return float(np.median(np.linalg.norm(d[:, :3], axis=1)) * np.median(np.linalg.norm(d[:, 3:], axis=1)))

@@ -1,0 +1,115 @@
+"""The search: the most convincing repair is taken, the data are examined again, until nothing convincing is left.
+
+Faults hide each other: a shifted list makes every view an outlier, a moved target hides a flipped board in its shorter
+part. So one fault is taken out at a time, the one that makes the data most likely. Leaving views out explains nothing
+and comes last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from calibrant.diagnose.doctor import (
+    bad_views,
+    boards,
+    exchanged,
+    intrinsics,
+    markers,
+    motions,
+    moved,
+    pairing,
+    size,
+    swapped,
+    timing,
+)
+from calibrant.diagnose.doctor.case import Case
+from calibrant.diagnose.doctor.finding import Finding, Loop
+
+Examine = Callable[[Case], list[Finding]]
+
+EXPLAINING: tuple[Examine, ...] = (
+    exchanged.examine,
+    pairing.examine,
+    boards.examine,
+    swapped.examine,
+    moved.examine,
+    timing.examine,
+    size.examine,
+)
+"""Faults whose repair makes the data agree. A new fault is one file and one line here."""
+ONCE: tuple[Examine, ...] = (intrinsics.examine,)
+"""Faults of the images that are looked for once, before the loop is judged."""
+REMARKS: tuple[Examine, ...] = (markers.examine,)
+"""Faults that do not touch the loop."""
+MOST_ROUNDS = 12
+"""Repairs one after the other; data with more faults than this are not worth repairing."""
+LEAST_POSES = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Examination:
+    """What was found, the case as given and with every repair applied; before, after: its loop."""
+
+    findings: tuple[Finding, ...]
+    case: Case
+    repaired: Case
+    before: Loop | None
+    after: Loop | None
+
+    @property
+    def sound(self) -> bool:
+        """True when nothing failed."""
+        return all(f.status != "fail" for f in self.findings)
+
+    def named(self, name: str) -> tuple[Finding, ...]:
+        """The findings of that name."""
+        return tuple(f for f in self.findings if f.name == name)
+
+
+def examine(case: Case) -> Examination:
+    """Everything that is wrong with a case, in the order of repair.
+
+    Raises: InputError for poses that are not rigid.
+    """
+    still = motions.examine(case)
+    if len(case.index) < LEAST_POSES or any(f.status == "fail" for f in still):
+        return Examination(tuple(still), case, case, None, None)
+    found: list[Finding] = []
+    current = case
+    for ask in ONCE:
+        current = _repaired(current, ask(current), found)
+    for _ in range(MOST_ROUNDS):
+        proposals = [f for ask in EXPLAINING for f in ask(current)]
+        if not proposals:
+            proposals = bad_views.examine(current)
+            if not proposals:
+                break
+            current = _repaired(current, proposals, found)
+            if any(f.repair is None for f in proposals):
+                break
+            continue
+        best = max(proposals, key=lambda f: f.gain)
+        current = _repaired(current, [best], found)
+    found += [f for ask in REMARKS for f in ask(current)]
+    # Motions are judged by what is left: repairs may have left too little.
+    left = motions.examine(current) if current is not case else still
+    return Examination((*_merged(found), *left), case, current, case.loop, current.loop)
+
+
+def _repaired(case: Case, proposals: list[Finding], found: list[Finding]) -> Case:
+    """The case with these repairs applied; the findings are noted."""
+    for finding in proposals:
+        found.append(finding)
+        if finding.repair is not None:
+            case = finding.repair(case)
+    return case
+
+
+def _merged(found: list[Finding]) -> list[Finding]:
+    """One finding of the target's size: the last one measured it with everything else repaired."""
+    sizes = [f for f in found if f.name == "target-size"]
+    if len(sizes) < 2:
+        return found
+    last = replace(sizes[-1], evidence=sizes[0].evidence and replace(sizes[0].evidence, after=sizes[-1].evidence.after))  # type: ignore[union-attr]
+    return [f for f in found if f.name != "target-size"] + [last]

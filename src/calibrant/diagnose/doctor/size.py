@@ -1,0 +1,65 @@
+"""A target of another size than given: the robot's motion is a ruler.
+
+The target's scale s is freed in A_i X B_i(s) = Z; (s - 1) / sigma_s is Student's t when the size is right.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from calibrant.calibrate.hand_eye.loop_fit import LoopFit, fit_loop, plain_model
+from calibrant.data import Measured
+from calibrant.diagnose.doctor.case import Case
+from calibrant.diagnose.doctor.finding import Evidence, Finding
+from calibrant.diagnose.doctor.significance import CONVINCING, confidence, student_test
+
+MATTERS = 0.005
+"""A printed board is off by up to 0.5 % (a printer's scaling, paper and humidity); more is a wrong size."""
+UNITS = {1000.0: "mm instead of m", 0.001: "m instead of mm", 25.4: "inches instead of mm", 1 / 25.4: "mm for inches"}
+UNIT_SHARE = 0.05
+"""A scale within 5 % of the ratio of two units is a mistake of units."""
+WRONG_UNIT = 2.0
+"""A target twice or half as large as said: no calibration is handed out of it."""
+
+
+def freed(case: Case) -> LoopFit:
+    """The loop fitted with the target's scale free, on the views that agree."""
+    n = len(case.index)
+    used = ~case.robust.outlier
+    model = plain_model(n, free_scale=True)
+    return fit_loop(case.A, case.B, case.robust.X, model=model, used=used, certainty=case.certainty)
+
+
+def examine(case: Case) -> list[Finding]:
+    """Does the target's size fit the robot's motion?"""
+    if len(case.index) < 4:
+        return []
+    fit = freed(case)
+    value, sigma = fit.scale, fit.sigma_scale
+    if not (np.isfinite(value) and np.isfinite(sigma)) or value <= 0:
+        return []
+    p = student_test(value - 1, sigma, fit.freedom)
+    if p > CONVINCING or abs(value - 1) < MATTERS:
+        return []
+    repaired = case.scaled(value)
+    evidence = Evidence(case.loop, repaired.loop)
+    unit = next((words for ratio, words in UNITS.items() if abs(value / ratio - 1) < UNIT_SHARE), None)
+    text = f"{value:.4g} +- {sigma:.1g} times as large as given"
+    cause = f" ({unit})" if unit else ""
+    share = f"; at that size {evidence.text}"
+    gross = max(value, 1 / value) > WRONG_UNIT
+    return [
+        Finding(
+            "target-size",
+            "fail" if gross else "warn",
+            f"the target's size does not fit the robot's motion: the target is {text}{cause}{share}",
+            confidence(p),
+            evidence,
+            measured=Measured(value * case.scale, sigma * case.scale),
+            proposal="measure the target, and give its real size",
+            repair=partial(Case.scaled, factor=value),
+            gain=max(case.misfit - repaired.misfit, 0.0),
+        )
+    ]

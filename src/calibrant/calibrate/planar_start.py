@@ -111,7 +111,7 @@ def focal_lengths(H: Array, centre: Array) -> tuple[float, float] | None:
 def _least_absolute(columns: Array, right: Array) -> Array | None:
     """x with the least sum of |columns x - right|, by reweighted normal equations; None when they are singular."""
     weights: Array = np.ones(len(right))
-    solution: Array = np.zeros(columns.shape[1])
+    solution = np.zeros(columns.shape[1])
     for _ in range(10):
         weighted = columns * weights[:, None]
         N = weighted.T @ columns
@@ -119,7 +119,10 @@ def _least_absolute(columns: Array, right: Array) -> Array | None:
         # Columns closer to parallel than 1e-6 say nothing about both unknowns: rounding of the homographies is larger.
         if not np.all(scale > 0) or np.linalg.det(N / np.outer(scale, scale)) < 1e-12:
             return None
-        solution = np.linalg.solve(N, weighted.T @ right)
+        before = solution.copy()
+        solution[:] = np.linalg.solve(N, weighted.T @ right)
+        if np.all(np.abs(solution - before) < 1e-4 * np.abs(solution)):
+            break  # half that in the focal length: a start
         residual = np.abs(columns @ solution - right)
         weights = 1 / np.maximum(residual, 1e-3 * np.median(residual) + 1e-300)
     return solution

@@ -137,7 +137,7 @@ def reduce_shared(equations: NormalEquations, parts: Sequence[Elimination], damp
     S, s = equations.S.copy(), equations.s.copy()
     if not len(s):
         return S, s
-    S[np.diag_indices_from(S)] += damping * _diagonal(equations.S)
+    S.reshape(-1)[:: len(s) + 1] += damping * _diagonal(equations.S)
     for part in parts:
         Y = part.Y.reshape(-1, S.shape[0])
         S -= Y.T @ Y
@@ -150,22 +150,18 @@ def solve(equations: NormalEquations, damping: float) -> Step | None:
     from calibrant.optimize import linear_kernels
 
     parts = [eliminate(V, W, v, damping) for V, W, v in zip(equations.V, equations.W, equations.v)]
-    if any(np.any(part.weak >= 0) for part in parts):
+    if any(part.weak.max() >= 0 for part in parts):
         return None
     S, s = reduce_shared(equations, parts, damping)
-    shared = np.zeros(0)
-    if len(s):
-        scale = 1 / np.sqrt(_diagonal(equations.S))
-        try:
-            C = np.linalg.cholesky(S * scale[:, None] * scale)
-        except np.linalg.LinAlgError:
-            return None
-        shared = -scale * np.linalg.solve(C.T, np.linalg.solve(C, s * scale))
+    shared = np.zeros(len(s))
+    diagonal = _diagonal(equations.S)
+    if len(s) and not linear_kernels.solve_definite(S, s, diagonal, PIVOT_TOLERANCE, shared):
+        return None
     components = []
-    predicted = -0.5 * float(equations.s @ shared) + 0.5 * damping * float(np.sum(_diagonal(equations.S) * shared**2))
+    predicted = -0.5 * float(equations.s @ shared) + 0.5 * damping * float(diagonal @ (shared * shared))
     for part, V, v in zip(parts, equations.V, equations.v):
         d = np.empty_like(v)
         linear_kernels.substitute(part.L, part.Y, part.z, shared, d)
-        predicted += -0.5 * float(np.sum(v * d)) + 0.5 * damping * float(np.sum(_diagonal(V) * d * d))
+        predicted += -0.5 * float(np.vdot(v, d)) + 0.5 * damping * float(np.vdot(_diagonal(V), d * d))
         components.append(d)
     return Step(tuple(components), shared, predicted)

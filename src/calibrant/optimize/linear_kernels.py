@@ -54,6 +54,35 @@ def eliminate(V, W, v, damping, tolerance, L, Y, z, weak):  # type: ignore[no-un
                 Y[c, j, q] *= inverse
 
 
+@njit(types.boolean(_f2, _f1, _f1, types.float64, _f1), cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
+def solve_definite(S, s, diagonal, tolerance, x):  # type: ignore[no-untyped-def]
+    """x = -S^-1 s by Cholesky; S is overwritten by its factor. False when a pivot is rounding against `diagonal`."""
+    n = S.shape[0]
+    for j in range(n):
+        pivot = S[j, j]
+        for k in range(j):
+            pivot -= S[j, k] * S[j, k]
+        if not pivot > tolerance * diagonal[j]:
+            return False
+        root = np.sqrt(pivot)
+        S[j, j] = root
+        inverse = 1.0 / root
+        for i in range(j + 1, n):
+            total = S[i, j]
+            for k in range(j):
+                total -= S[i, k] * S[j, k]
+            S[i, j] = total * inverse
+        total = -s[j]
+        for k in range(j):
+            total -= S[j, k] * x[k]
+        x[j] = total * inverse
+    for j in range(n - 1, -1, -1):
+        x[j] /= S[j, j]
+        for k in range(j):
+            x[k] -= S[j, k] * x[j]
+    return True
+
+
 @njit(types.void(_f3, _f3, _f2, _f1, _f2), cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
 def substitute(L, Y, z, shared, d):  # type: ignore[no-untyped-def]
     """d = -L^-T (z + Y shared): the components' steps once the shared step is known."""

@@ -3,7 +3,8 @@
     d1 = sqrt(R2 + Z^2),  Z' = xi d1 + Z,  d2 = sqrt(R2 + Z'^2),  S = 1 / (alpha d2 + (1 - alpha) Z')
     u = fx S X + cx,  v = fy S Y + cy
 
-Both directions are closed forms. Source: Usenko, Demmel and Cremers 2018, "The double sphere camera model", eq. 40 to 50.
+Both directions are closed forms. Source: Usenko, Demmel and Cremers 2018, "The double sphere camera model", eq. 40 to
+50.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Compiled rows of the extended unified model; see `kernels` for the contract and `extended_unified` for the equations."""
+"""Compiled rows of the extended unified model; see `kernels` for the contract, `extended_unified` for equations."""
 
 from __future__ import annotations
 

@@ -64,9 +64,7 @@ class InverseBrown(CameraModel):
         x, y = (uv[:, 0] - cx) / fx, (uv[:, 1] - cy) / fy
         terms = plane_distortion.padded(parameters[4:])
         d = plane_distortion.distort(terms, x, y)
-        good = (d.xx * d.yy - d.xy * d.yx > 0) & (
-            np.hypot(x, y) < self.field_limit(parameters)
-        )
+        good = (d.xx * d.yy - d.xy * d.yx > 0) & (np.hypot(x, y) < self.field_limit(parameters))
         return np.where(good[:, None], np.stack([d.x, d.y, np.ones_like(x)], axis=-1), np.nan)
 
     def sees(self, parameters: ArrayLike, p_camera: ArrayLike) -> Mask:

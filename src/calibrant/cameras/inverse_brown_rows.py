@@ -11,14 +11,14 @@ from calibrant.cameras.plane_rows import disc, radial_inverse
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _slope(k1, k2, p1, p2, k3, x, y):  # type: ignore[no-untyped-def]
-    """g, 2 dg/dr2 and the derivatives of the corrected coordinates."""
+    """g and the derivatives of the corrected coordinates."""
     s = x * x + y * y
     g = 1.0 + s * (k1 + s * (k2 + s * k3))
     h = 2.0 * k1 + s * (4.0 * k2 + s * 6.0 * k3)
     xx = g + h * x * x + 2.0 * p1 * y + 6.0 * p2 * x
     xy = h * x * y + 2.0 * p1 * x + 2.0 * p2 * y
     yy = g + h * y * y + 6.0 * p1 * y + 2.0 * p2 * x
-    return g, h, xx, xy, yy
+    return g, xx, xy, yy
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -34,7 +34,7 @@ def _solve(k1, k2, p1, p2, k3, limit, X, Y):  # type: ignore[no-untyped-def]
     sx, sy, det = 0.0, 0.0, 1.0
     for _ in range(100):
         s = nx * nx + ny * ny
-        g, h, xx, xy, yy = _slope(k1, k2, p1, p2, k3, nx, ny)
+        g, xx, xy, yy = _slope(k1, k2, p1, p2, k3, nx, ny)
         ex = nx * g + 2.0 * p1 * nx * ny + p2 * (s + 2.0 * nx * nx) - X
         ey = ny * g + p1 * (s + 2.0 * ny * ny) + 2.0 * p2 * nx * ny - Y
         new = np.sqrt(ex * ex + ey * ey)
@@ -67,7 +67,7 @@ def rows(n, parameters, p, uv, J_point, J_parameters):  # type: ignore[no-untype
         x, y = (x, y) if good else (np.nan, np.nan)
         x2, y2, xy2 = x * x, y * y, 2.0 * x * y
         r2 = x2 + y2
-        g, h, xx, xy, yy = _slope(k1, k2, p1, p2, k3, x, y)
+        _, xx, xy, yy = _slope(k1, k2, p1, p2, k3, x, y)
         tx, ty = r2 + 2.0 * x2, r2 + 2.0 * y2
         idet = 1.0 / (xx * yy - xy * xy)
         a, b, c, d = fx * yy * idet, -fx * xy * idet, -fy * xy * idet, fy * xx * idet

@@ -34,7 +34,7 @@ class KannalaBrandt(Radial):
 
     def shape(self, terms: Array, R2: Array, z: Array) -> Shape:
         R = np.sqrt(R2)
-        near = R < _NEAR_AXIS * z
+        near = _NEAR_AXIS * z > R
         on_axis = R == 0
         iR = 1.0 / np.where(on_axis, 1.0, R)
         theta = np.arctan2(R, z)

@@ -36,7 +36,7 @@ def rows(n, parameters, p, uv, J_point, J_parameters):  # type: ignore[no-untype
         slope = 1.0 + t * (3.0 * k1 + t * (5.0 * k2 + t * (7.0 * k3 + t * 9.0 * k4)))
         irho2 = 1.0 / (R2 + z * z)
         # Near the axis the slope of S is a difference of nearly equal numbers: its series instead.
-        T = (2.0 * k1 - 2.0 / 3.0) / (z * z * z) if R < 1e-4 * z else (slope * z * irho2 - S) / R2
+        T = (2.0 * k1 - 2.0 / 3.0) / (z * z * z) if 1e-4 * z > R else (slope * z * irho2 - S) / R2
         place(i, 8, parameters, x, y, S, T, -slope * irho2 if seen else np.nan, uv, J_point, J_parameters)
         by = plain * t
         for c in range(4):
@@ -80,16 +80,10 @@ def _sine_cosine(m, theta, sine, cosine):  # type: ignore[no-untyped-def]
     for i in range(m):
         a = 0.5 * theta[i] - 0.25 * np.pi
         q = a * a
-        s = a * (
-            1.0
-            - q / 6.0
-            * (1.0 - q / 20.0 * (1.0 - q / 42.0 * (1.0 - q / 72.0 * (1.0 - q / 110.0 * (1.0 - q / 156.0 * (1.0 - q / 210.0))))))
-        )
-        c = 1.0 - q / 2.0 * (
-            1.0
-            - q / 12.0
-            * (1.0 - q / 30.0 * (1.0 - q / 56.0 * (1.0 - q / 90.0 * (1.0 - q / 132.0 * (1.0 - q / 182.0 * (1.0 - q / 240.0))))))
-        )
+        s = 1.0 - q / 72.0 * (1.0 - q / 110.0 * (1.0 - q / 156.0 * (1.0 - q / 210.0)))
+        s = a * (1.0 - q / 6.0 * (1.0 - q / 20.0 * (1.0 - q / 42.0 * s)))
+        c = 1.0 - q / 56.0 * (1.0 - q / 90.0 * (1.0 - q / 132.0 * (1.0 - q / 182.0 * (1.0 - q / 240.0))))
+        c = 1.0 - q / 2.0 * (1.0 - q / 12.0 * (1.0 - q / 30.0 * c))
         sine[i], cosine[i] = 1.0 - 2.0 * s * s, -2.0 * s * c
 
 

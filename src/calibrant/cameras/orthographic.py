@@ -24,12 +24,12 @@ class Orthographic(CameraModel):
 
     def project(self, parameters: ArrayLike, p_camera: ArrayLike) -> Array:
         fx, fy, cx, cy = np.asarray(parameters, dtype=np.float64)
-        x, y = self._seen(parameters, p_camera)
+        x, y = _seen(p_camera)
         return np.stack([fx * x + cx, fy * y + cy], axis=-1)
 
     def project_with_jacobians(self, parameters: ArrayLike, p_camera: ArrayLike) -> tuple[Array, Array, Array]:
         fx, fy, *_ = np.asarray(parameters, dtype=np.float64)
-        x, y = self._seen(parameters, p_camera)
+        x, y = _seen(p_camera)
         nothing = np.where(np.isnan(x), np.nan, 0.0)
         J_point = np.zeros((*x.shape, 2, 3)) + nothing[..., None, None]
         J_point[..., 0, 0] += fx
@@ -38,13 +38,8 @@ class Orthographic(CameraModel):
         J_k[..., 0, 0], J_k[..., 1, 1], J_k[..., 0, 2], J_k[..., 1, 3] = x, y, 1.0, 1.0
         return self.project(parameters, p_camera), J_point, J_k
 
-    def _seen(self, parameters: ArrayLike, p_camera: ArrayLike) -> tuple[Array, Array]:
-        p = np.asarray(p_camera, dtype=np.float64)
-        seen = self.sees(parameters, p)
-        return np.where(seen, p[..., 0], np.nan), np.where(seen, p[..., 1], np.nan)
-
     def _unproject(self, parameters: Array, uv: Array) -> Array:
-        return np.where(np.isfinite(uv).all(axis=1)[:, None], [0.0, 0.0, 1.0], np.nan)
+        return np.where(np.isfinite(uv).all(axis=1, keepdims=True), [0.0, 0.0, 1.0], np.nan)
 
     def ray_origins(self, parameters: ArrayLike, uv: ArrayLike) -> Array:
         fx, fy, cx, cy = np.asarray(parameters, dtype=np.float64)
@@ -59,3 +54,9 @@ class Orthographic(CameraModel):
         from calibrant.cameras.orthographic_rows import rows
 
         return rows
+
+
+def _seen(p_camera: ArrayLike) -> tuple[Array, Array]:
+    p = np.asarray(p_camera, dtype=np.float64)
+    seen = p[..., 2] > 0
+    return np.where(seen, p[..., 0], np.nan), np.where(seen, p[..., 1], np.nan)

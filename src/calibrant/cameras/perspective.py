@@ -1,6 +1,6 @@
 """Perspective cameras with distortion in the image plane: what brown, rational, thin prism and tilted share.
 
-    x = X/Z, y = Y/Z, (x'', y'') = distort(x, y),  u = fx x'' + cx,  v = fy y'' + cy
+x = X/Z, y = Y/Z, (x'', y'') = distort(x, y),  u = fx x'' + cx,  v = fy y'' + cy
 """
 
 from __future__ import annotations

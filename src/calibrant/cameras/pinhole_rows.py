@@ -1,4 +1,4 @@
-"""Compiled rows of the pinhole models; see `kernels` for the contract, `pinhole` and `pinhole_skew` for the equations."""
+"""Compiled rows of the pinhole models; see `kernels` for the contract, `pinhole` and `pinhole_skew` for equations."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
@@ -120,7 +120,11 @@ def _tilted(M: Array, x: Array, y: Array) -> tuple[Array, Array, tuple[Array, Ar
     """Coordinates after the tilt and their derivatives uu, uv, vu, vv by those before it."""
     w = M[2, 0] * x + M[2, 1] * y + M[2, 2]
     u, v = M[0, 0] * x / w, (M[1, 0] * x + M[1, 1] * y) / w
-    return u, v, ((M[0, 0] - u * M[2, 0]) / w, -u * M[2, 1] / w, (M[1, 0] - v * M[2, 0]) / w, (M[1, 1] - v * M[2, 1]) / w)
+    return (
+        u,
+        v,
+        ((M[0, 0] - u * M[2, 0]) / w, -u * M[2, 1] / w, (M[1, 0] - v * M[2, 0]) / w, (M[1, 1] - v * M[2, 1]) / w),
+    )
 
 
 def _radial(terms: Array, r2: Array) -> tuple[Array, Array, Array]:
@@ -137,8 +141,8 @@ def radius_limit(terms: Array) -> float:
     """Radius of the disc on which the distortion is one to one; inf when nothing bounds it.
 
     The radial part has the slopes g across and d(r g)/dr along the radius; decentering and prism terms add a matrix of
-    norm 6 |p| r + 2 |s13| r + 4 |s24| r^3 at most. While both slopes exceed that, the Jacobian is positive definite, and
-    a map that is so on a convex region is one to one. Without these terms it is the fold itself.
+    norm 6 |p| r + 2 |s13| r + 4 |s24| r^3 at most. While both slopes exceed that, the Jacobian is positive definite,
+    and a map that is so on a convex region is one to one. Without these terms it is the fold itself.
     """
     r = np.polynomial.Polynomial([0.0, 1.0])
     even = r * r
@@ -154,7 +158,7 @@ def radius_limit(terms: Array) -> float:
     return min(first_positive_root(p.coef) for p in bounds)
 
 
-def first_positive_root(coefficients: Array) -> float:
+def first_positive_root(coefficients: ArrayLike) -> float:
     """Smallest positive real root of a polynomial with rising coefficients, inf when there is none."""
     c = np.trim_zeros(np.asarray(coefficients, dtype=np.float64), "b")
     if len(c) < 2:

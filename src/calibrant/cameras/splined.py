@@ -4,9 +4,9 @@
     m = q + sum_ij B(q_x / h - i) B(q_y / h - j) c_ij        cubic B-splines, c_ij control points (x, y)
     u = fx m_x + cx,  v = fy m_y + cy
 
-`splined:COLUMNSxROWS:FOV` is a grid of that many control points, evenly spaced in q, whose surface spans FOV across the
-columns (the rows follow with the same spacing). Outside of it the model sees nothing. It can follow any smooth lens, but
-every part of the image needs points. Source: the idea of mrcal's LENSMODEL_SPLINED_STEREOGRAPHIC (its documentation,
+`splined:COLUMNSxROWS:FOV` is a grid of that many control points, evenly spaced in q, whose surface spans FOV across
+the columns (the rows follow with the same spacing). Outside of it the model sees nothing. It can follow any smooth
+lens, but every part of the image needs points. Source: the idea of mrcal's LENSMODEL_SPLINED_STEREOGRAPHIC (its manual,
 "Splined stereographic lens model").
 """
 
@@ -123,9 +123,7 @@ class Splined(CameraModel):
         p = np.asarray(p_camera, dtype=np.float64)
         depth = np.linalg.norm(p, axis=-1) + p[..., 2]
         reach_x, reach_y = self._reach()
-        return (
-            (depth > 0) & (2 * np.abs(p[..., 0]) <= reach_x * depth) & (2 * np.abs(p[..., 1]) <= reach_y * depth)
-        )
+        return (depth > 0) & (2 * np.abs(p[..., 0]) <= reach_x * depth) & (2 * np.abs(p[..., 1]) <= reach_y * depth)
 
     def _unproject(self, parameters: Array, uv: Array) -> Array:
         from scipy.spatial import KDTree

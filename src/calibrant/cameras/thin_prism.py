@@ -6,12 +6,12 @@
 The lecture (document 001, slides 40 to 45) names the three kinds of Weng, Cohen and Herniou 1992, "Camera calibration
 with distortion models and accuracy evaluation", u' = u + D_u, v' = v + D_v with
 
-    radial       D_u = k u (u^2 + v^2)                    D_v = k v (u^2 + v^2)                    k = k1
-    decentering  D_u = p1 (3 u^2 + v^2) + 2 p2 u v        D_v = 2 p1 u v + p2 (u^2 + 3 v^2)        Weng's p1 = p2, p2 = p1 here
-    thin prism   D_u = s1 (u^2 + v^2)                     D_v = s2 (u^2 + v^2)                     Weng's s1 = s1, s2 = s3 here
+    radial       D_u = k u (u^2 + v^2)                    D_v = k v (u^2 + v^2)
+    decentering  D_u = p1 (3 u^2 + v^2) + 2 p2 u v        D_v = 2 p1 u v + p2 (u^2 + 3 v^2)
+    thin prism   D_u = s1 (u^2 + v^2)                     D_v = s2 (u^2 + v^2)
 
-Both decentering and thin prism distortion are radial and tangential. Weng's first three kinds are this model with
-k2, k3 ... k6, s2, s4 held at 0.
+Weng's k, p1, p2, s1, s2 are k1, p2, p1, s1, s3 here. Both decentering and thin prism distortion are radial and
+tangential. Weng's model is this one with k2 ... k6, s2, s4 held at 0.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ def rows(n, parameters, p, uv, J_point, J_parameters):  # type: ignore[no-untype
     for i in range(n):
         X, Y, Z = p[0, i], p[1, i], p[2, i]
         norm = np.sqrt(X * X + Y * Y + Z * Z)
-        seen = Z > -w * norm and norm > 0.0
+        seen = Z + w * norm > 0.0 and norm > 0.0
         unseen += 0 if seen else 1
         iD = 1.0 / (Z + xi * norm) if seen else np.nan
         x, y = X * iD, Y * iD

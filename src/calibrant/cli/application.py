@@ -11,27 +11,33 @@ from collections.abc import Sequence
 
 import typer
 
-from calibrant.cli import demo, hand_eye, intrinsics
+from calibrant.cli import demo, detect, hand_eye, intrinsics, report, target
 from calibrant.errors import CalibrantError
 
 app = typer.Typer(
     name="calibrant",
     help="Calibrate cameras and robots, and prove it: from photos and robot poses to millimetres one can trust.",
-    no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command("demo")(demo.demo)
-app.command("intrinsics")(intrinsics.intrinsics)
-app.command("hand-eye")(hand_eye.hand_eye)
+app.command("demo", short_help="The whole chain on a simulated robot cell.")(demo.demo)
+app.command("target", short_help="Print a board at true size.")(target.target)
+app.command("detect", short_help="Find a board in photos.")(detect.detect)
+app.command("intrinsics", short_help="Calibrate a camera from photos of a board.")(intrinsics.intrinsics)
+app.command("hand-eye", short_help="Find where the camera is, on a robot or beside it.")(hand_eye.hand_eye)
+app.command("report", short_help="Show a result file, or make its HTML report.")(report.report)
 
-MANY_VALUES = ("--images", "--poses", "--target-poses", "--exclude", "--fix")
+MANY_VALUES = ("--images", "-i", "--poses", "--target-poses", "--exclude", "--fix")
 """Options that take every value up to the next option, so that a shell's pattern (--images photos/*.png) works."""
 
 
 def spread(arguments: Sequence[str]) -> list[str]:
-    """Repeat each of MANY_VALUES before every one of its values: --images a b -> --images a --images b."""
+    """Repeat each of MANY_VALUES before every one of its values: --images a b -> --images a --images b.
+
+    A word that can be no parameter's name ends --fix: `--fix k3 photos/*.jpg` names photos.
+    """
     out: list[str] = []
     current: str | None = None
     values = 0
@@ -40,6 +46,8 @@ def spread(arguments: Sequence[str]) -> list[str]:
             current, values = (argument if argument in MANY_VALUES else None), 0
             out.append(argument)
             continue
+        if current == "--fix" and values and not argument.replace(",", "").isalnum():
+            current = None
         if current is not None and values:
             out.append(current)
         values += 1
@@ -49,10 +57,10 @@ def spread(arguments: Sequence[str]) -> list[str]:
 
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
-    given = list(sys.argv[1:] if arguments is None else arguments)
+    given = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     debug = "--debug" in given
     try:
-        status = app(spread(given), standalone_mode=False)
+        status = app(spread(given), standalone_mode=False, prog_name="calibrant")
     except CalibrantError as error:
         return _failed(error, error.exit_status, debug)
     except typer.Exit as stop:
@@ -63,9 +71,15 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:  # noqa: BLE001 - the last line of defence: a defect of ours, said so
         usage = getattr(error, "format_message", None)
         if usage is not None:
-            return _failed(error, 2, debug, text=f"{usage()} See calibrant {' '.join(given[:1])} --help.")
-        return _failed(error, 1, debug, text=f"internal error: {type(error).__name__}: {error}. Run again with --debug and report it.")
+            return _misused(error, usage(), given, debug)
+        text = f"internal error: {type(error).__name__}: {error}. Run again with --debug and report it."
+        return _failed(error, 1, debug, text=text)
     return int(status or 0)
+
+
+def _misused(error: BaseException, message: str, given: Sequence[str], debug: bool) -> int:
+    command = next((f"{c.name} " for c in app.registered_commands if c.name == given[0]), "")
+    return _failed(error, 2, debug, text=f"{message.rstrip('.')}. See calibrant {command}--help.")
 
 
 def _failed(error: BaseException, status: int, debug: bool, *, text: str | None = None) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -12,27 +11,43 @@ from calibrant.cli import options as o
 
 
 def hand_eye(
-    poses: Annotated[list[str], typer.Option("--poses", help="File of robot poses, or one file a pose.", show_default=False)],
+    poses: Annotated[
+        list[str],
+        typer.Option("--poses", metavar="FILES", help="File of robot poses, or one file a pose.", show_default=False),
+    ],
     images: Annotated[
-        list[str] | None, typer.Option("--images", "-i", help="Photos, folders or patterns.", show_default=False)
+        list[str] | None,
+        typer.Option("--images", "-i", metavar="IMAGES", help="Photos, folders or patterns.", show_default=False),
     ] = None,
-    target: Annotated[
-        str | None, typer.Option("--target", "-t", help="The board, e.g. chessboard:9x6:25mm.", show_default=False)
-    ] = None,
+    target: o.Target = None,
+    observations: o.ObservationsFile = None,
     target_poses: Annotated[
         list[str] | None,
-        typer.Option("--target-poses", help="Poses of the target in the camera, instead of photos.", show_default=False),
+        typer.Option(
+            "--target-poses", metavar="FILES", show_default=False,
+            help="Poses of the target in the camera, instead of photos.",
+        ),
     ] = None,
     camera: Annotated[
-        Path | None, typer.Option("--camera", help="Known camera file; without it the photos calibrate it.", show_default=False)
+        Path | None,
+        typer.Option(
+            "--camera", metavar="FILE", show_default=False,
+            help="Known camera (any format); without it the photos calibrate it.",
+        ),
     ] = None,
-    setup: Annotated[str, typer.Option("--setup", help="auto, eye-in-hand or eye-to-hand.")] = "auto",
-    pose_units: Annotated[str, typer.Option("--pose-units", help="auto, mm or m.")] = "auto",
+    setup: Annotated[str, typer.Option("--setup", metavar="SETUP", help="auto, eye-in-hand or eye-to-hand.")] = "auto",
+    pose_units: Annotated[str, typer.Option("--pose-units", metavar="UNIT", help="auto, mm or m.")] = "auto",
     pose_rotation: Annotated[
-        str, typer.Option("--pose-rotation", help="auto, quat-xyzw, quat-wxyz, rotvec, euler:ZYX, euler:xyz …, matrix.")
+        str,
+        typer.Option(
+            "--pose-rotation", metavar="FORM",
+            help="auto, quat-xyzw, quat-wxyz, rotvec, euler:ZYX, euler:xyz …, matrix.",
+        ),
     ] = "auto",
-    pose_angle: Annotated[str, typer.Option("--pose-angle", help="auto, deg or rad.")] = "auto",
-    pose_direction: Annotated[str, typer.Option("--pose-direction", help="auto, base-gripper or gripper-base.")] = "auto",
+    pose_angle: Annotated[str, typer.Option("--pose-angle", metavar="UNIT", help="auto, deg or rad.")] = "auto",
+    pose_direction: Annotated[
+        str, typer.Option("--pose-direction", metavar="NAME", help="auto, base-gripper or gripper-base.")
+    ] = "auto",
     model: o.Model = "brown",
     fix: o.Fix = None,
     mirror_x: o.MirrorX = False,
@@ -44,10 +59,10 @@ def hand_eye(
     quiet: o.Quiet = False,
     force: o.Force = False,
     debug: o.Debug = False,
-) -> int:
-    """Find where the camera is: on the gripper (eye-in-hand) or beside the robot (eye-to-hand).
+) -> None:  # fmt: skip
+    """Find where the camera is: on the gripper or beside the robot.
 
-    calibrant hand-eye --images photos/*.png --poses poses.csv --target charuco:5x7:36mm:18mm:DICT_6X6_250 --out result.json
+    calibrant hand-eye --images photos/*.png --poses poses.csv --target chessboard:9x6:25mm --out result.json
 
     Reads the poses as they are written (units, rotation, direction are found from the data and said), calibrates
     camera, robot and target in one problem, and refuses what the motions cannot determine.
@@ -60,6 +75,7 @@ def hand_eye(
         poses=tuple(poses),
         images=tuple(images or ()),
         target=target,
+        observations=observations,
         target_poses=tuple(target_poses or ()),
         camera=camera,
         setup=setup,
@@ -74,6 +90,6 @@ def hand_eye(
         workers=workers,
         quiet=quiet or json,
     )
+    outputs.spare(hand_eye_run.named_files(request))
     with session.explain_refusal(outputs):
-        result = hand_eye_run.calibrate(request)
-    return session.finish(result, outputs)
+        session.finish(hand_eye_run.calibrate(request), outputs)

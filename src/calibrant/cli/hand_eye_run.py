@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.cli import session
-from calibrant.cli.options import exclude_names
+from calibrant.cli.sources import Source, kept
 from calibrant.errors import InputError, RefusedError
 
 if TYPE_CHECKING:
     from calibrant.cameras import Camera
-    from calibrant.data import CalibrationResult, Check, Observations
+    from calibrant.data import CalibrationResult, Check, Missed, Observations, View
     from calibrant.diagnose.conventions import ConventionDecision
     from calibrant.formats.poses import PoseReading, RawPoses
 
@@ -30,6 +30,7 @@ class Request:
     poses: tuple[str, ...]
     images: tuple[str, ...] = ()
     target: str | None = None
+    observations: Path | None = None
     target_poses: tuple[str, ...] = ()
     camera: Path | None = None
     setup: str = "auto"
@@ -44,12 +45,27 @@ class Request:
     workers: int | None = None
     quiet: bool = False
 
+    @property
+    def source(self) -> Source:
+        """Where the points come from."""
+        return Source(
+            self.images, self.target, self.observations, self.exclude, self.mirror_x, self.workers, self.quiet
+        )
+
+
+def named_files(request: Request) -> list[str]:
+    """The files and folders named by the request, with what patterns of photos stand for."""
+    named = [*request.poses, *request.target_poses, *request.images]
+    named += [str(p) for p in (request.camera, request.observations) if p is not None]
+    return [*named, *(str(f) for f in (request.source.files() if request.images else []))]
+
 
 def calibrate(request: Request) -> CalibrationResult:
     """Run the whole command. Raises: InputError, RefusedError as the parts do."""
     from calibrant.formats.poses import read_poses
 
     _check_setup(request.setup)
+    _check_inputs(request)
     raw = read_poses(
         list(request.poses),
         units=request.units,
@@ -57,7 +73,7 @@ def calibrate(request: Request) -> CalibrationResult:
         angle=request.angle,
         direction=request.direction,
     )
-    if request.images:
+    if request.images or request.observations is not None:
         return _from_images(request, raw)
     return _from_pose_pairs(request, raw)
 
@@ -69,41 +85,64 @@ def _check_setup(setup: str) -> None:
         raise InputError(f"unknown setup {setup!r}; choose auto, {' or '.join(SETUPS)}")
 
 
+def _check_inputs(request: Request) -> None:
+    """Photos or pose pairs, and no option that goes with the other kind. Raises: InputError."""
+    if request.images or request.observations is not None:
+        if request.target_poses:
+            raise InputError("give photos (--images) or measured target poses (--target-poses), not both")
+        request.source.files()
+        return
+    if request.target is not None and not request.target_poses:
+        raise InputError("--target is given but no photos: name them with --images (or give --observations FILE)")
+    for option, given in (
+        ("--target", request.target),
+        ("--camera", request.camera),
+        ("--fix", request.fix),
+        ("--mirror-x", request.mirror_x),
+    ):
+        if given:
+            raise InputError(f"{option} goes with photos (--images); poses of the target are taken as they are")
+
+
 def _from_images(request: Request, raw: RawPoses) -> CalibrationResult:
     from calibrant.calibrate.hand_eye.calibrate import calibrate_hand_eye
-    from calibrant.detect.images import expand
     from calibrant.formats.camera_files import read_camera
     from calibrant.formats.pairing import match_raw
 
-    if request.target is None:
-        raise InputError("photos need the board they show: --target, such as chessboard:9x6:25mm")
-    if request.target_poses:
-        raise InputError("give photos (--images) or measured target poses (--target-poses), not both")
-    files = exclude_names(expand(list(request.images)), request.exclude)
-    pairing = match_raw(raw, [f.name for f in files])
-    observations = session.detect_boards(
-        files, request.target, mirror_x=request.mirror_x, workers=request.workers, quiet=request.quiet
-    )
+    source = request.source
+    files = source.files()
+    # Photos are paired before they are searched: a pose that is missing is said at once.
+    early = match_raw(raw, [f.name for f in files]) if files else None
+    observations = source.read(files)
+    ids = _ids_of(observations, files)
+    pairing = early if early is not None else match_raw(raw, ids)
+    row = dict(zip([ids[v] for v in pairing.view_index], pairing.pose_index))
     session.load_solver(quiet=request.quiet)
     size = next(iter(observations.image_sizes.values()))
     camera = None if request.camera is None else read_camera(request.camera, image_size=size)
-    names = [files[v].name for v in pairing.view_index]
-    row = dict(zip(names, pairing.pose_index))
     observations = replace(observations, views=tuple(replace(v, moment=v.id) for v in observations.views))
-    ids, B = _target_poses(observations, camera, request)
-    decision, reading = _decide(raw, [row[i] for i in ids], B, request)
+    seen, B = _target_poses(observations, camera, request)
+    decision, reading = _decide(raw, [row[i] for i in seen], B, request)
     poses = reading.take(list(row.values()), list(row)).poses
     with session.status("Calibrating …", quiet=request.quiet):
         result = calibrate_hand_eye(
             poses, observations, setup=decision.setup, camera=camera, model=request.model, fix=request.fix
         )
-    inputs = [*files, *request.poses, *([request.camera] if request.camera else [])]
+    inputs: list[str | Path] = [*source.inputs(files), *request.poses, *([request.camera] if request.camera else [])]
     return _complete(session.with_misses(result), decision, pairing.message, inputs, request)
+
+
+def _ids_of(observations: Observations, files: Sequence[Path]) -> list[str]:
+    """Names of all views, found and missed; in the order of the photos, where there are photos."""
+    every: list[View | Missed] = [*observations.views, *observations.missed]
+    if not files:
+        return [v.id for v in every]
+    by_file = {v.file: v.id for v in every}
+    return [by_file[str(f)] for f in files]
 
 
 def _from_pose_pairs(request: Request, raw: RawPoses) -> CalibrationResult:
     from calibrant.calibrate.hand_eye.calibrate import calibrate_hand_eye
-    from calibrant.formats.pairing import match, match_by_order
     from calibrant.formats.poses import read_poses, readings
 
     if request.target_poses:
@@ -111,19 +150,41 @@ def _from_pose_pairs(request: Request, raw: RawPoses) -> CalibrationResult:
     elif raw.target is not None:
         target = raw.target
     else:
-        raise InputError("give photos (--images with --target), or measured target poses (--target-poses)")
-    names = target.names or tuple(str(i) for i in range(len(target)))
-    if raw.names is not None and target.names is not None:
-        pairing = match(raw.names, names)
-    else:
-        pairing = match_by_order(len(raw), names)
-    B = np.asarray(readings(target, direction="base-gripper")[0].T_base_gripper)[list(pairing.view_index)]
+        raise InputError(
+            "robot poses alone do not say where the camera is: give photos (--images with --target), or measured "
+            "poses of the target (--target-poses)"
+        )
+    names, pose_index, target_index, pairing = _pair(raw, target, request.exclude)
+    B = np.asarray(readings(target, direction="base-gripper")[0].T_base_gripper)[target_index]
     session.load_solver(quiet=request.quiet)
-    decision, reading = _decide(raw, pairing.pose_index, B, request)
-    poses = reading.take(pairing.pose_index, [names[v] for v in pairing.view_index]).poses
+    decision, reading = _decide(raw, pose_index, B, request)
+    poses = reading.take(pose_index, names).poses
     with session.status("Calibrating …", quiet=request.quiet):
         result = calibrate_hand_eye(poses, B, setup=decision.setup)
-    return _complete(result, decision, pairing.message, [*request.poses, *request.target_poses], request)
+    return _complete(result, decision, pairing, [*request.poses, *request.target_poses], request)
+
+
+def _pair(raw: RawPoses, target: RawPoses, exclude: Sequence[str]) -> tuple[list[str], list[int], list[int], str]:
+    """Names, indices of the robot's poses and of the target's, and the words for it. Raises: InputError."""
+    from calibrant.formats.pairing import match
+
+    n = len(target)
+    if raw.names is not None and target.names is not None:
+        found = match(raw.names, target.names)
+        names = [target.names[v] for v in found.view_index]
+        pose_index, target_index = list(found.pose_index), list(found.view_index)
+        message = found.message.replace("images", "target poses").replace("image", "target pose")
+    elif len(raw) == n:
+        names = list(raw.names or target.names or (str(i) for i in range(n)))
+        pose_index = target_index = list(range(n))
+        message = f"{n} robot poses and {n} target poses paired by order"
+    else:
+        raise InputError(
+            f"{len(raw)} robot poses and {n} target poses: without names on both sides they are paired by order, and "
+            "that needs as many of one as of the other"
+        )
+    keep = [i for i, k in enumerate(kept(names, exclude, what="pose")) if k]
+    return [names[i] for i in keep], [pose_index[i] for i in keep], [target_index[i] for i in keep], message
 
 
 def _target_poses(observations: Observations, camera: Camera | None, request: Request) -> tuple[list[str], Array]:
@@ -142,9 +203,7 @@ def _target_poses(observations: Observations, camera: Camera | None, request: Re
     return [v.id for v in views], target_poses(camera, views).T_camera_target
 
 
-def _decide(
-    raw: RawPoses, rows: Sequence[int], B: Array, request: Request
-) -> tuple[ConventionDecision, PoseReading]:
+def _decide(raw: RawPoses, rows: Sequence[int], B: Array, request: Request) -> tuple[ConventionDecision, PoseReading]:
     """How the poses are written and where the camera is, and that reading of all poses; a contradiction is refused."""
     from calibrant.diagnose.conventions import decide
     from calibrant.formats.poses import readings

@@ -12,30 +12,39 @@ from calibrant.cli import options as o
 
 
 def intrinsics(
-    images: Annotated[list[str], typer.Argument(help="Photos, folders or patterns.", show_default=False)],
-    target: o.Target,
+    images: o.Images = None,
+    target: o.Target = None,
+    observations: o.ObservationsFile = None,
     model: o.Model = "brown",
     fix: o.Fix = None,
     initial: Annotated[
-        Path | None, typer.Option("--initial", help="Start from this camera file (any format).", show_default=False)
+        Path | None,
+        typer.Option("--initial", metavar="FILE", help="Start from this camera file (any format).", show_default=False),
     ] = None,
     mirror_x: o.MirrorX = False,
     max_error: Annotated[
-        str | None, typer.Option("--max-error", help="Leave out points above this, e.g. 1.0px, and calibrate again.")
+        str | None,
+        typer.Option(
+            "--max-error", metavar="PX", show_default=False,
+            help="Leave out points with a larger error, e.g. 1.0px, and calibrate again.",
+        ),
     ] = None,
     exclude: o.Exclude = None,
     workers: o.Workers = None,
     out: o.Out = None,
     opencv_yaml: Annotated[
         Path | None,
-        typer.Option("--opencv-yaml", help="Write OpenCV YAML here (with --out: Intr.yml beside it).", show_default=False),
+        typer.Option(
+            "--opencv-yaml", metavar="FILE.yml", show_default=False,
+            help="Write the camera in OpenCV's format here; with --out, without this: Intr.yml beside it.",
+        ),
     ] = None,
     report: o.Report = None,
     json: o.Json = False,
     quiet: o.Quiet = False,
     force: o.Force = False,
     debug: o.Debug = False,
-) -> int:
+) -> None:  # fmt: skip
     """Calibrate a camera from photos of a printed board.
 
     calibrant intrinsics photos/*.jpg --target chessboard:9x6:25mm --out camera.json --report camera.html
@@ -43,29 +52,28 @@ def intrinsics(
     Prints every parameter with its 1 and 3 sigma, each photo's error, and what was left out and why.
     """
     from calibrant.cli import session
+    from calibrant.cli.sources import Source
 
     opencv = opencv_yaml if opencv_yaml is not None else (out.parent / "Intr.yml" if out is not None else None)
     outputs = session.Outputs(out, report, json, quiet, force, opencv)
     outputs.check()
     limit = o.pixels(max_error, option="--max-error")
-
-    from calibrant.detect.images import expand
-
-    files = o.exclude_names(expand(images), o.split_names(exclude))
-    observations = session.detect_boards(files, target, mirror_x=mirror_x, workers=workers, quiet=quiet or json)
+    source = Source(tuple(images or ()), target, observations, o.split_names(exclude), mirror_x, workers, quiet or json)
+    files = source.files()
+    inputs = [*source.inputs(files), *([initial] if initial else [])]
+    outputs.spare(inputs)
+    found = source.read(files)
     session.load_solver(quiet=quiet or json)
 
     from calibrant.calibrate.intrinsics import calibrate_intrinsics
     from calibrant.diagnose.review import review
     from calibrant.formats.camera_files import read_camera
 
-    size = next(iter(observations.image_sizes.values()))
+    size = next(iter(found.image_sizes.values()))
     start = None if initial is None else read_camera(initial, image_size=size)
     with session.explain_refusal(outputs):
-        result = calibrate_intrinsics(
-            observations, model=model, fix=o.split_names(fix), initial=start, max_error_px=limit
-        )
-    if mirror_x:
-        result = replace(result, options={**result.options, "mirror_x": True})
-    inputs = session.file_records([*files, *([initial] if initial else [])])
-    return session.finish(review(session.with_misses(replace(result, inputs=inputs))), outputs)
+        result = calibrate_intrinsics(found, model=model, fix=o.split_names(fix), initial=start, max_error_px=limit)
+        if mirror_x:
+            result = replace(result, options={**result.options, "mirror_x": True})
+        result = replace(result, inputs=session.file_records(inputs))
+        session.finish(review(session.with_misses(result)), outputs)

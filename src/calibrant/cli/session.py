@@ -30,20 +30,49 @@ class Outputs:
     force: bool = False
     opencv: Path | None = None
 
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """Every file that will be written."""
+        return tuple(path for path in (self.out, self.opencv, self.report) if path is not None)
+
     def check(self) -> None:
         """Refuse outputs that cannot be written before any work is done. Raises: InputError naming the path."""
-        for path in (self.out, self.report, self.opencv):
-            if path is None:
-                continue
-            if path.exists() and not self.force:
-                raise InputError(f"{path} exists already; give another name, or --force to replace it")
-            folder = path.parent
-            if not folder.is_dir():
-                raise InputError(f"cannot write {path}: there is no folder {folder}; make it first")
-            if path.is_dir():
-                raise InputError(f"cannot write {path}: it is a folder; give a file name")
-            if not os.access(folder, os.W_OK):
-                raise InputError(f"cannot write {path}: the folder {folder} is not writable")
+        seen: set[Path] = set()
+        for path in self.paths:
+            check_writable(path, force=self.force)
+            if path.resolve() in seen:
+                raise InputError(f"two outputs would be written to {path}; give each a name of its own")
+            seen.add(path.resolve())
+
+    def spare(self, inputs: Iterable[str | Path]) -> None:
+        """Refuse to write over a file that is read, even with --force. Raises: InputError naming it."""
+        read = {Path(file).resolve() for file in inputs}
+        for path in self.paths:
+            if path.resolve() in read:
+                raise InputError(f"{path} is an input of this command and is left alone; give the output another name")
+
+
+def check_writable(path: Path, *, force: bool) -> None:
+    """Raises: InputError when a file cannot be written there, or exists and `force` is False."""
+    if path.is_dir():
+        raise InputError(f"cannot write {path}: it is a folder; give a file name")
+    if path.exists() and not force:
+        raise InputError(f"{path} exists already; give another name, or --force to replace it")
+    if not path.parent.is_dir():
+        raise InputError(f"cannot write {path}: there is no folder {path.parent}; make it first")
+    if not os.access(path.parent, os.W_OK):
+        raise InputError(f"cannot write {path}: the folder {path.parent} is not writable")
+
+
+def write_bytes(path: Path, data: bytes) -> None:
+    """Write a file whole or not at all: beside its place first, then moved there. Raises: InputError."""
+    draft = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        draft.write_bytes(data)
+        draft.replace(path)
+    except OSError as error:
+        draft.unlink(missing_ok=True)
+        raise InputError(f"cannot write {path}: {error.strerror or error}") from None
 
 
 @contextmanager
@@ -101,7 +130,9 @@ def detect_boards(
     from calibrant.targets.registry import parse_target
 
     with progress("Finding boards", quiet=quiet) as step:
-        return detect(files, target=parse_target(target), mirror_x=mirror_x, workers=workers, camera=camera, progress=step)
+        return detect(
+            files, target=parse_target(target), mirror_x=mirror_x, workers=workers, camera=camera, progress=step
+        )
 
 
 def with_misses(result: CalibrationResult) -> CalibrationResult:
@@ -117,8 +148,11 @@ def with_misses(result: CalibrationResult) -> CalibrationResult:
     return replace(result, views=(*result.views, *missed))
 
 
-def finish(result: CalibrationResult, outputs: Outputs) -> int:
-    """Print the summary, write the files; returns the exit status."""
+def finish(result: CalibrationResult, outputs: Outputs) -> None:
+    """Print the summary, write the files and say which. Raises: RefusedError for a result that failed its checks."""
+    from calibrant.calibrate.provenance import refuse_if_failed
+
+    refuse_if_failed(result)
     if not outputs.quiet and not outputs.json:
         from rich.console import Console
 
@@ -139,7 +173,8 @@ def finish(result: CalibrationResult, outputs: Outputs) -> int:
         from calibrant.data.result_file import result_text
 
         sys.stdout.write(result_text(result) + "\n")
-    return 1 if result.verdict == "refused" else 0
+    elif not outputs.quiet and outputs.paths:
+        sys.stdout.write(f"\nWritten: {', '.join(str(p) for p in outputs.paths)}\n")
 
 
 @contextmanager
@@ -150,8 +185,9 @@ def explain_refusal(outputs: Outputs) -> Iterator[None]:
     except RefusedError as error:
         from calibrant.data import CalibrationResult
 
-        if isinstance(error.result, CalibrationResult) and outputs.report is not None:
-            from calibrant.report.html import write_report
+        if not isinstance(error.result, CalibrationResult) or outputs.report is None:
+            raise
+        from calibrant.report.html import write_report
 
-            write_report(with_misses(error.result), outputs.report, force=outputs.force)
-        raise
+        write_report(with_misses(error.result), outputs.report, force=outputs.force)
+        raise RefusedError(f"{error}\ncalibrant: {outputs.report} shows the refused calibration") from error

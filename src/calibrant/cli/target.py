@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from calibrant.cli import options as o
-from calibrant.errors import InputError
+from calibrant.cli import session
 
 
 def target(
@@ -44,39 +43,17 @@ def run(spec: str, *, out: Path, page: str = "auto", force: bool = False) -> str
     sheet = sheet_of(board, page=page)
     spec_file = out.with_suffix(".yaml")
     for path in (out, spec_file):
-        _check_writable(path, force=force)
+        session.check_writable(path, force=force)
     width, height = sheet.size
     lines = [
         f"# {out.name}: {width:g} x {height:g} mm, to be printed at 100 %; its ruler must then measure 100 mm.",
         "# After measuring a square of the print, put its real size here.",
         f"target: {board.spec}",
     ]
-    _replace(out, write(sheet))
-    _replace(spec_file, ("\n".join(lines) + "\n").encode())
+    session.write_bytes(out, write(sheet))
+    session.write_bytes(spec_file, ("\n".join(lines) + "\n").encode())
     return (
         f"{out}: {board.spec} on {'its own page size' if sheet.page == 'fit' else sheet.page.upper()}, "
         f"{width:g} x {height:g} mm\n{spec_file}: its spec, for --target\n"
         "Print at 100 % (actual size): scaling to fit the page changes the squares. Measure the ruler: 100 mm."
     )
-
-
-def _check_writable(path: Path, *, force: bool) -> None:
-    if path.is_dir():
-        raise InputError(f"cannot write {path}: it is a folder; give a file name")
-    if path.exists() and not force:
-        raise InputError(f"{path} exists already; give another name, or --force to replace it")
-    if not path.parent.is_dir():
-        raise InputError(f"cannot write {path}: there is no folder {path.parent}; make it first")
-    if not os.access(path.parent, os.W_OK):
-        raise InputError(f"cannot write {path}: the folder {path.parent} is not writable")
-
-
-def _replace(path: Path, data: bytes) -> None:
-    """Write a file whole or not at all: beside its place first, then moved there."""
-    draft = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        draft.write_bytes(data)
-        draft.replace(path)
-    except OSError as error:
-        draft.unlink(missing_ok=True)
-        raise InputError(f"cannot write {path}: {error.strerror or error}") from None

@@ -4,11 +4,15 @@ Build a `Problem` of `Variable`s and `Factor`s, `solve` it, ask the `Solution` f
 `estimate_noise` finds the noise levels too.
 """
 
+from calibrant.optimize.consistency import ChiSquare as ChiSquare
+from calibrant.optimize.consistency import chi_squares as chi_squares
 from calibrant.optimize.factors import Factor as Factor
 from calibrant.optimize.factors import FactorBlocks as FactorBlocks
 from calibrant.optimize.factors import RotationPrior as RotationPrior
 from calibrant.optimize.factors import TranslationPrior as TranslationPrior
 from calibrant.optimize.factors import VectorPrior as VectorPrior
+from calibrant.optimize.graduated import Graduated as Graduated
+from calibrant.optimize.graduated import solve_graduated as solve_graduated
 from calibrant.optimize.levenberg_marquardt import SolverOptions as SolverOptions
 from calibrant.optimize.levenberg_marquardt import Status as Status
 from calibrant.optimize.levenberg_marquardt import solve as solve
@@ -27,4 +31,4 @@ from calibrant.optimize.noise import NoiseLevel as NoiseLevel
 from calibrant.optimize.noise import estimate_noise as estimate_noise
 from calibrant.optimize.problem import Problem as Problem
 from calibrant.optimize.solution import Solution as Solution
-from calibrant.optimize.solution import Unobservable as Unobservable
+from calibrant.optimize.unobservable import Unobservable as Unobservable

@@ -8,9 +8,11 @@ one method, `linearize`. The solver asks for `blocks`: each edge's J^T W J and J
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,6 +89,12 @@ class Factor(ABC):
             raise InputError(f"factor {self.name!r}: every relative sigma must be finite and above 0")
         if self.row_offsets is not None and np.any(np.diff(self.row_offsets) < 1):
             raise InputError(f"factor {self.name!r}: an edge has no residuals; leave it out")
+
+    def with_loss(self, loss: Loss) -> Self:
+        """The same factor with another loss."""
+        other = copy.copy(self)
+        other.loss = loss
+        return other
 
     @property
     def residual_count(self) -> int:

@@ -51,6 +51,14 @@ class Manifold(ABC):
     def local(self, origin: Array, values: Array) -> Array:
         """Natural tangents (count, natural) that lead from `origin` to `values`."""
 
+    def describe(self, direction: Array, share: Array) -> str:
+        """A natural tangent in words, for what the data do not determine.
+
+        share (natural,): how much each component takes part, 0 to 1; what takes little part is not named.
+        """
+        strong = [i for i in np.argsort(-share, kind="stable").tolist() if share[i] > 0.2] or [int(np.argmax(share))]
+        return " with ".join(self.natural_names[i] for i in strong)
+
 
 @dataclass(frozen=True)
 class Euclidean(Manifold):
@@ -190,6 +198,27 @@ class SE3(Manifold):
     def local(self, origin: Array, values: Array) -> Array:
         return se3.local(origin, values)
 
+    def describe(self, direction: Array, share: Array) -> str:
+        phrases = [
+            f"{what} {_axis(part)}"
+            for what, part, size in (
+                ("the rotation about", direction[:3], np.linalg.norm(share[:3])),
+                ("the position along", direction[3:], np.linalg.norm(share[3:])),
+            )
+            if size > 0.2
+        ]
+        return " with ".join(phrases) or super().describe(direction, share)
+
+
+def _axis(direction: Array) -> str:
+    """An axis by its letter when it is one within 5 degrees, else as a unit vector."""
+    unit = direction / max(float(np.linalg.norm(direction)), 1e-300)
+    largest = int(np.argmax(np.abs(unit)))
+    if abs(unit[largest]) > np.cos(np.deg2rad(5)):
+        return "xyz"[largest]
+    unit = unit * np.sign(unit[largest])
+    return "(" + ", ".join(f"{c:.2f}" for c in unit) + ")"
+
 
 @dataclass(frozen=True)
 class SO3(Manifold):
@@ -214,7 +243,8 @@ class SO3(Manifold):
 class Variable:
     """A named batch of unknowns of one kind: values (count, *manifold.value_shape).
 
-    `constant` variables take part in factors but are not solved for. `labels` name the instances for people.
+    `constant` variables take part in factors but are not solved for. `labels` name the instances for people, `words`
+    the variable ("the camera on the gripper"), `hint` says what would determine it ("turn about another axis").
     Raises: InputError for a wrong shape, an empty batch or values that are not finite.
     """
 
@@ -223,6 +253,8 @@ class Variable:
     values: Array
     constant: bool = False
     labels: Sequence[str] | None = None
+    words: str = ""
+    hint: str = ""
 
     def __post_init__(self) -> None:
         values = np.array(self.values, dtype=np.float64)
@@ -252,9 +284,10 @@ class Variable:
 
     def label(self, index: int) -> str:
         """How messages call one instance."""
+        called = self.words or self.name
         if self.count == 1 and self.labels is None:
-            return self.name
-        return f"{self.name} {self.labels[index] if self.labels is not None else index}"
+            return called
+        return f"{called} {self.labels[index] if self.labels is not None else index}"
 
 
 def vector(name: str, values: ArrayLike, names: Sequence[str], *, held: Sequence[str] = ()) -> Variable:

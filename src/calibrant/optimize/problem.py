@@ -13,6 +13,7 @@ from calibrant.errors import InputError
 from calibrant.optimize import linear
 from calibrant.optimize.factors import EXACT, Factor
 from calibrant.optimize.linear import NormalEquations, Step
+from calibrant.optimize.losses import Loss
 from calibrant.optimize.manifolds import Variable
 from calibrant.optimize.structure import SHARED, Placement, Structure, analyse
 
@@ -90,6 +91,24 @@ class Problem:
             if v.name == name:
                 return i
         raise InputError(f"the problem has no variable {name!r}; it has {', '.join(v.name for v in self.variables)}")
+
+    def factor_index(self, name: str) -> int:
+        """Position of a factor. Raises: InputError with the names there are."""
+        for i, f in enumerate(self.factors):
+            if f.name == name:
+                return i
+        raise InputError(f"the problem has no factor {name!r}; it has {', '.join(f.name for f in self.factors)}")
+
+    def with_losses(self, losses: Mapping[str, Loss]) -> Problem:
+        """The problem with other losses on the named factors."""
+        changed = Problem(
+            self.variables,
+            tuple(f.with_loss(losses[f.name]) if f.name in losses else f for f in self.factors),
+            self.sigmas,
+        )
+        # The index maps depend on variables and edges alone.
+        changed.__dict__["structure"] = self.structure
+        return changed
 
     def sigma(self, factor: Factor, sigmas: Mapping[str, float]) -> float:
         """Noise level of a factor: 1 for exact priors and for groups not named."""

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.errors import InputError, RefusedError
-from calibrant.optimize import linear
+from calibrant.optimize import linear, unobservable
 from calibrant.optimize.linear import Elimination, NormalEquations
 from calibrant.optimize.structure import SHARED
+from calibrant.optimize.unobservable import Unobservable
 
 if TYPE_CHECKING:
     from calibrant.optimize.problem import Problem, Values
@@ -23,19 +24,6 @@ Array = NDArray[np.float64]
 WEAK_EIGENVALUE = 1e-12
 """Eigenvalues of the scaled shared matrix below this are rounding: its entries carry errors of a few 1e-16 times the
 number of sums, and four digits of margin are left."""
-
-
-@dataclass(frozen=True)
-class Unobservable:
-    """A direction that the data do not determine: the names of its components with their share (unit vector)."""
-
-    components: tuple[tuple[str, float], ...]
-
-    @property
-    def message(self) -> str:
-        """The direction in the problem's own words."""
-        strong = [f"{name} ({share:+.2f})" for name, share in self.components if abs(share) > 0.2]
-        return "the data do not determine " + " with ".join(strong or [self.components[0][0]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +64,7 @@ class Solution:
     def residuals(self, factor: str) -> Array:
         """Residuals (N, dim) of a factor by name, unweighted: predicted minus observed."""
         if factor not in self._residuals:
-            k = self._factor_index(factor)
+            k = self.problem.factor_index(factor)
             self._residuals[factor] = self.problem.factors[k].residuals(*self.problem.gather(k, self.values))
         return self._residuals[factor]
 
@@ -86,16 +74,10 @@ class Solution:
 
     def weights(self, factor: str) -> Array:
         """Robust weight (N,) that each residual block ended with: 1 is full, 0 is ignored."""
-        k = self._factor_index(factor)
+        k = self.problem.factor_index(factor)
         f = self.problem.factors[k]
         norms = f.whitened_norms(self.problem.gather(k, self.values), sigma=self.problem.sigma(f, self.sigmas))
         return f.loss.evaluate(norms**2)[1]
-
-    def _factor_index(self, name: str) -> int:
-        names = [f.name for f in self.problem.factors]
-        if name not in names:
-            raise InputError(f"the problem has no factor {name!r}; it has {', '.join(names)}")
-        return names.index(name)
 
     @cached_property
     def _parts(self) -> tuple[Elimination, ...]:
@@ -105,49 +87,15 @@ class Solution:
     @cached_property
     def unobservable(self) -> tuple[Unobservable, ...]:
         """Directions that the data do not determine: empty for a well-posed problem."""
-        weak = self._weak_components()
+        weak = unobservable.of_components(self.problem, self._parts)
         if weak:
             return weak
-        vectors = self._shared_spectrum[2]
-        names = self._shared_names()
-        found = []
-        for vector in vectors.T:
-            order = np.argsort(-np.abs(vector))
-            found.append(Unobservable(tuple((names[i], float(vector[i])) for i in order if abs(vector[i]) > 0.05)))
-        return tuple(found)
-
-    def _weak_components(self) -> tuple[Unobservable, ...]:
-        found = []
-        for batch, part in enumerate(self._parts):
-            for row in np.flatnonzero(part.weak >= 0)[:10]:
-                name = self._component_name(batch, int(row), int(part.weak[row]))
-                found.append(Unobservable(((name, 1.0),)))
-        return tuple(found)
-
-    def _component_name(self, batch: int, row: int, column: int) -> str:
-        for variable, p in zip(self.problem.variables, self.problem.structure.placements):
-            if p is None:
-                continue
-            hit = np.flatnonzero(
-                (p.batch == batch) & (p.row == row) & (p.offset <= column) & (column < p.offset + p.dim)
-            )
-            if len(hit):
-                i = int(hit[0])
-                return f"{variable.manifold.free_names[column - int(p.offset[i])]} of {variable.label(i)}"
-        return f"component {row}"
-
-    def _shared_names(self) -> list[str]:
-        names = []
-        for variable, p in zip(self.problem.variables, self.problem.structure.placements):
-            if p is not None and p.batch[0] == SHARED:
-                names += [
-                    f"{f} of {variable.label(i)}" for i in range(variable.count) for f in variable.manifold.free_names
-                ]
-        return names
+        scale, _, null = self._shared_spectrum
+        return unobservable.of_shared(self.problem, self.values, null, scale)
 
     @cached_property
     def _shared_spectrum(self) -> tuple[Array, Array, Array]:
-        """Scale, inverse of the scaled shared matrix, and its null directions (s, n_null)."""
+        """Scale, inverse of the scaled shared matrix, and its unit null vectors (s, n_null), scaled."""
         S, _ = linear.reduce_shared(self.equations, self._parts, 0.0)
         diagonal = np.diag(self.equations.S) if len(S) else np.zeros(0)
         scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
@@ -156,9 +104,7 @@ class Solution:
         values, vectors = np.linalg.eigh(S * scale[:, None] * scale)
         null = values < WEAK_EIGENVALUE
         inverse = (vectors[:, ~null] / values[~null]) @ vectors[:, ~null].T
-        directions = vectors[:, null] * scale[:, None]
-        directions = directions / np.maximum(np.linalg.norm(directions, axis=0), 1e-300)
-        return scale, inverse, directions
+        return scale, inverse, vectors[:, null]
 
     @cached_property
     def blocks(self) -> Covariance:

@@ -155,7 +155,7 @@ def estimate_noise(
         levels = {**levels, **{g: max(e.sigma * np.exp(ahead.get(g, 0.0)), lowest[g]) for g, e in estimate.items()}}
         solution = solve_again(solution, levels, options=options)
         # After a jump the next change is not part of the geometric series any more.
-        previous = {g: c for g, c in change.items() if ahead[g] == 0.0}
+        previous = {g: c for g, c in change.items() if ahead.get(g, 0.0) == 0.0}
     return NoiseEstimate(solution, estimate, rounds, settled)
 
 

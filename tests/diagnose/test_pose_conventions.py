@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from calibrant.diagnose.conventions import Setup, decide, rank, robot_side
+from calibrant.diagnose.hypotheses import SETUPS
 from calibrant.errors import InputError, RefusedError
 from calibrant.formats.poses import PoseReading, read_poses, readings
 from calibrant.geometry import rotations, se3, so3
@@ -20,6 +21,11 @@ X = se3.make(so3.exp([0.3, -1.2, 0.5]), [0.06, -0.03, 0.09])
 Z = se3.make(so3.exp([2.9, 0.4, -0.2]), [0.5, 0.2, 0.1])
 
 
+def mounting(setup: Setup) -> tuple[Array, Array]:
+    """X and Z of a cell as people build it: what the gripper carries is near it, the other stands apart."""
+    return (X, Z) if setup == "eye-in-hand" else (se3.inverse(Z), se3.inverse(X))
+
+
 def cell(n: int, *, setup: Setup, noise: float, seed: int = 0) -> tuple[Array, Array]:
     """T_base_gripper and T_camera_target of n poses that turn by some 30 degrees; noise times 0.1 mm, 0.02 deg."""
     rng = np.random.default_rng(seed)
@@ -27,7 +33,8 @@ def cell(n: int, *, setup: Setup, noise: float, seed: int = 0) -> tuple[Array, A
     delta = np.concatenate([rng.normal(0, 0.5, (n, 3)), rng.normal(0, 0.12, (n, 3))], axis=1)
     T_base_gripper = se3.retract(np.broadcast_to(centre, (n, 4, 4)), delta)
     # A X B = Z gives B = X^-1 A^-1 Z.
-    B = se3.inverse(X) @ se3.inverse(robot_side(T_base_gripper, setup)) @ Z
+    X_setup, Z_setup = mounting(setup)
+    B = se3.inverse(X_setup) @ se3.inverse(robot_side(T_base_gripper, setup)) @ Z_setup
     shake = rng.normal(size=(n, 6)) * [*[np.deg2rad(0.02)] * 3, *[1e-4] * 3]
     return T_base_gripper, se3.retract(B, noise * shake)
 
@@ -72,11 +79,28 @@ def test_the_message_says_what_no_data_can_tell(tmp_path: Path) -> None:
     assert (
         "poses read as positions in m, quaternions x y z w, T_base_gripper, eye-in-hand: the loop closes to" in message
     )
-    assert "eye-to-hand with poses given as T_gripper_base would fit as well, no data can tell" in message
+    assert "eye-to-hand with poses given as T_gripper_base would fit as well, no loop can tell" in message
     assert "--pose-direction gripper-base" in message
-    # Inverted poses are therefore taken as the other setup, and with the true setup given they are put right.
-    inverted = native(tmp_path, se3.inverse(T))
-    assert decide(inverted, B).setup == "eye-to-hand"
+    assert "puts the target 0.55 m from the gripper that carries it and the camera 0.11 m from the base" in message
+
+
+def test_inverted_poses_are_found_by_the_cell_they_would_make(tmp_path: Path) -> None:
+    for setup in SETUPS:
+        T, B = cell(12, setup=setup, noise=1)
+        for asked in ("auto", setup):
+            decision = decide(native(tmp_path, se3.inverse(T)), B, setup=asked)  # type: ignore[arg-type]
+            assert (decision.setup, decision.reading.direction) == (setup, "gripper-base")
+            assert [(f.name, f.status) for f in decision.findings] == [("pose-direction", "warn")]
+            assert "which nobody builds" in decision.findings[0].message
+            np.testing.assert_allclose(decision.reading.T_base_gripper, T, atol=1e-12)
+
+
+def test_a_cell_that_could_be_either_keeps_the_documented_direction(tmp_path: Path) -> None:
+    T, B = cell(12, setup="eye-in-hand", noise=1)
+    near = se3.make(np.eye(3), [-0.25, 0.0, 0.0])  # the target 0.33 m from the base: a gripper could carry it
+    decision = decide(native(tmp_path, near @ T), B)
+    assert (decision.setup, decision.reading.direction, decision.findings) == ("eye-in-hand", "base-gripper", ())
+    assert "the documented direction was taken" in decision.message
 
 
 def test_a_given_direction_settles_the_setup(tmp_path: Path) -> None:

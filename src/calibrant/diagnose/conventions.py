@@ -7,37 +7,39 @@
 3. The best one is taken when an F test on the loops says that the next one, if it leads elsewhere, is worse.
 
 Inverted robot poses with the camera on the hand give the same equations as poses as they stand with the camera fixed,
-A_i = T_base_gripper_i^-1 either way. Data cannot tell these two apart; the documented direction, base-gripper, does.
+A_i = T_base_gripper_i^-1 either way. No loop can tell these two apart. The documented direction, base-gripper, is taken
+unless it puts what the gripper carries farther away than anybody mounts it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import fdtrc
 
-from calibrant.calibrate.hand_eye.loops import loop_consistency, loop_errors
 from calibrant.calibrate.hand_eye.motion import motion_report
-from calibrant.calibrate.hand_eye.relative import PosePairs
-from calibrant.calibrate.hand_eye.solvers.park import park
 from calibrant.data import Check
-from calibrant.errors import InputError, RefusedError
+from calibrant.diagnose.hypotheses import (
+    CONSISTENT,
+    FLOOR_DEG,
+    FLOOR_MM,
+    Alternative,
+    misfit_of,
+    order_of,
+)
+from calibrant.diagnose.hypotheses import Setup as Setup
+from calibrant.diagnose.hypotheses import rank as rank
+from calibrant.diagnose.hypotheses import robot_side as robot_side
+from calibrant.errors import RefusedError
 from calibrant.formats.pose_readings import PoseReading
-from calibrant.geometry import se3, so3
+from calibrant.geometry import se3
 
 Array = NDArray[np.float64]
-Setup = Literal["eye-in-hand", "eye-to-hand"]
-SETUPS: tuple[Setup, Setup] = ("eye-in-hand", "eye-to-hand")
 
-KEPT = 0.75
-"""Share of the views that judges a reading; the worst quarter may be flipped, mispaired or badly seen."""
-FLOOR_MM, FLOOR_DEG = 1e-3, 1e-3
-"""Loops below a micrometre and a thousandth of a degree are closed: no robot repeats better, so less is rounding."""
 EQUAL_P = 0.01
 """Readings whose loops differ by what happens once in a hundred times by chance fit equally well."""
 EQUAL_RATIO = 1.5
@@ -45,50 +47,8 @@ EQUAL_RATIO = 1.5
 favour one wrong reading over another by that much."""
 CLEAR_RATIO = 3.0
 """What a file or a user states is doubted only when another reading closes the loop three times better."""
-CONSISTENT = 0.25
-"""Largest median loop over the size of the motion that counts as consistent: noise gives some per cent, chance 1."""
-SIEVE_RATIO, SIEVE_DEG = 4.0, 0.5
-"""Notations pass the sieve when their angle mismatch is within 4 times the best one's, or within half a degree of it:
-the median of pairs varies by less than a factor of two between halves of one data set."""
 SAME_TRANSFORM_MM, SAME_TRANSFORM_DEG = 1.0, 0.1
 """Results closer than this, or than the loop, are one result: less than a closed form on ordinary data resolves."""
-
-
-@dataclass(frozen=True, eq=False)
-class Alternative:
-    """One hypothesis and how its loop closes.
-
-    loop_rms_mm, loop_rms_deg: spread of A_i X B_i over the views kept (indices); X: the camera's transform of the
-    normal form; T_camera_target (n, 4, 4), metres.
-    """
-
-    reading: PoseReading
-    setup: Setup
-    loop_rms_mm: float
-    loop_rms_deg: float
-    X: Array
-    kept: NDArray[np.intp]
-    T_camera_target: Array
-
-    @cached_property
-    def score(self) -> float:
-        """Median loop over the size of the motion: 0 perfect, 1 no agreement at all."""
-        return loop_consistency(self.A, self.T_camera_target, self.X).score
-
-    @property
-    def A(self) -> Array:
-        """(n, 4, 4) of the normal form A_i X B_i = Z."""
-        return robot_side(self.reading.T_base_gripper, self.setup)
-
-    @property
-    def description(self) -> str:
-        """The hypothesis in words."""
-        return f"{self.reading.description}, {self.setup}"
-
-    @property
-    def loop_text(self) -> str:
-        """The loop error in words."""
-        return f"{self.loop_rms_mm:.3g} mm / {self.loop_rms_deg:.2g} deg"
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,12 +70,6 @@ class ConventionDecision:
     def ok(self) -> bool:
         """False when a finding failed."""
         return all(f.status != "fail" for f in self.findings)
-
-
-def robot_side(T_base_gripper: ArrayLike, setup: Setup) -> Array:
-    """A of A_i X B_i = Z: T_base_gripper (eye-in-hand) or its inverse (eye-to-hand)."""
-    T = np.asarray(T_base_gripper, dtype=np.float64)
-    return T if setup == "eye-in-hand" else se3.inverse(T)
 
 
 def decide(
@@ -143,6 +97,7 @@ def decide(
     rivals = [a for a in wanted if len(a.reading.contradicts) <= len(chosen.reading.contradicts)]
     confidence = _confidence(chosen, rivals)
     findings += _mismatch(chosen, ranked, setup)
+    findings += _direction(chosen, ranked)
     if chosen.score > CONSISTENT:
         message = (
             f"no reading closes the loop: the best one leaves {chosen.loop_text}, {chosen.score:.0%} of the motion "
@@ -153,112 +108,11 @@ def decide(
     return ConventionDecision(chosen.reading, chosen.setup, confidence, message, ranked, tuple(findings))
 
 
-def rank(readings: Sequence[PoseReading], T_camera_target: ArrayLike) -> tuple[Alternative, ...]:
-    """Every reading in both setups, the best loop first; readings whose angles disagree with the camera's are left out.
-
-    Raises: InputError when there is no reading, or the numbers of poses differ; RefusedError below three poses.
-    """
-    if not readings:
-        raise InputError("no reading of the robot poses to choose from")
-    B = se3.check(T_camera_target, name="T_camera_target")
-    n = len(readings[0].ids)
-    if len(B) != n:
-        raise InputError(f"{n} robot poses but {len(B)} target poses; give one target pose for each robot pose")
-    if n < 3:
-        motion_report(readings[0].T_base_gripper, B).require_determined()
-    solved: dict[tuple[object, ...], Alternative] = {}
-    out = []
-    for reading in _sieved(readings, B):
-        for setup in SETUPS:
-            # Inverted eye-in-hand and eye-to-hand are one set of equations: solve it once.
-            inverted = (reading.direction == "gripper-base") != (setup == "eye-to-hand")
-            key = (reading.units, reading.rotation, reading.angle, reading.by_axis_names, inverted)
-            if key not in solved:
-                solved[key] = _solved(reading, setup, B)
-            out.append(replace(solved[key], reading=reading, setup=setup))
-    return tuple(sorted(out, key=_order))
-
-
-def _order(a: Alternative) -> tuple[float, int, int]:
-    """Best loop first; what is equal, by what is documented: nothing contradicted, poses as T_base_gripper."""
-    return (round(_misfit(a), 9), len(a.reading.contradicts), int(a.reading.direction != "base-gripper"))
-
-
-def _misfit(a: Alternative) -> float:
-    """ln(rms mm) + ln(rms deg): the log-likelihood of residuals of unknown noise, per number, up to sign."""
-    return float(np.log(a.loop_rms_mm + FLOOR_MM) + np.log(a.loop_rms_deg + FLOOR_DEG))
-
-
-def _sieved(readings: Sequence[PoseReading], B: Array) -> list[PoseReading]:
-    """The readings whose relative angles agree with the target's about as well as the best ones' do."""
-    upper = np.triu_indices(len(B), 1)
-    camera = _relative_angles(B, upper)
-    mismatch: dict[tuple[object, ...], float] = {}
-    keys = [(r.rotation, r.angle, r.by_axis_names) for r in readings]
-    for key, reading in zip(keys, readings):
-        if key not in mismatch:
-            # |R_j^T R_i| has the same angle as |R_j R_i^T|: the direction of the poses does not matter here.
-            T = reading.T_base_gripper
-            T = T if reading.direction == "base-gripper" else se3.inverse(T)
-            mismatch[key] = float(np.median(np.abs(_relative_angles(T, upper) - camera)))
-    limit = max(SIEVE_RATIO * min(mismatch.values()), min(mismatch.values()) + np.deg2rad(SIEVE_DEG))
-    # The most believable reading stays, however bad: what the file states is judged by its loop.
-    return [
-        r for i, (key, r) in enumerate(zip(keys, readings)) if mismatch[key] <= limit or _as_first(r, readings[0], i)
-    ]
-
-
-def _as_first(reading: PoseReading, first: PoseReading, index: int) -> bool:
-    same = (reading.rotation, reading.angle, reading.by_axis_names) == (
-        first.rotation,
-        first.angle,
-        first.by_axis_names,
-    )
-    return index == 0 or same
-
-
-def _relative_angles(T: Array, pairs: tuple[NDArray[np.intp], ...]) -> Array:
-    """Angles of R_j^T R_i, rad, from the chord |R_i - R_j| = 2 sqrt(2) sin(angle / 2), which is exact near zero."""
-    R = T[:, :3, :3].reshape(-1, 9)
-    chord = np.linalg.norm(R[pairs[0]] - R[pairs[1]], axis=1)
-    return 2 * np.arcsin(np.clip(chord / np.sqrt(8), 0, 1))
-
-
-def _solved(reading: PoseReading, setup: Setup, B: Array) -> Alternative:
-    """Closed form on the views that agree: start from congruent screws, then re-choose by the loop (concentration
-    steps; Rousseeuw and Van Driessen, "Computing LTS regression for large data sets", 2006)."""
-    A = robot_side(reading.T_base_gripper, setup)
-    n = len(A)
-    keep_count = max(3, int(np.ceil(KEPT * n))) if n >= 6 else n
-    kept = np.sort(np.argsort(_incongruence(A, B), kind="stable")[:keep_count])
-    for _ in range(3):  # the steps settle in two or three
-        X, _ = park(PosePairs(A[kept], B[kept]))
-        X = se3.make(so3.nearest(X[:3, :3]), X[:3, 3])
-        errors = loop_errors(A[kept], B[kept], X)
-        delta = se3.local(errors.Z, A @ X @ B)
-        mm, deg = 1e3 * np.linalg.norm(delta[:, 3:], axis=1), np.rad2deg(np.linalg.norm(delta[:, :3], axis=1))
-        distance = (mm / (errors.rms_mm + FLOOR_MM)) ** 2 + (deg / (errors.rms_deg + FLOOR_DEG)) ** 2
-        chosen = np.sort(np.argsort(distance, kind="stable")[:keep_count])
-        if np.array_equal(chosen, kept):
-            break
-        kept = chosen
-    return Alternative(reading, setup, errors.rms_mm, errors.rms_deg, X, kept, B)
-
-
-def _incongruence(A: Array, B: Array) -> Array:
-    """Per view, the median over its partners of how much the angles of A and B differ, rad: (n,)."""
-    n = len(A)
-    upper = np.triu_indices(n, 1)
-    table = np.zeros((n, n))
-    table[upper] = np.abs(_relative_angles(A, upper) - _relative_angles(B, upper))
-    return np.median(table + table.T, axis=1)
-
-
 def _preferred(candidates: Sequence[Alternative]) -> Alternative:
-    """The best of ranked candidates; among those of the same equations, the documented direction."""
+    """The best of ranked candidates; among those of the same equations, the documented direction if it is plausible."""
     best = candidates[0]
-    same = [a for a in candidates if _misfit(a) == _misfit(best) and np.array_equal(a.X, best.X)]
-    return min(same, key=_order)
+    same = [a for a in candidates if misfit_of(a) == misfit_of(best) and np.array_equal(a.X, best.X)]
+    return min(same, key=lambda a: (not a.plausible, order_of(a)))
 
 
 def _f_test(better: Alternative, worse: Alternative) -> tuple[float, float]:
@@ -275,7 +129,7 @@ def _f_test(better: Alternative, worse: Alternative) -> tuple[float, float]:
 
 def _clearly_better(best: Alternative, stated: Alternative) -> bool:
     ratio, p = _f_test(best, stated)
-    return best.score <= CONSISTENT and ratio >= CLEAR_RATIO and p <= EQUAL_P and _misfit(best) < _misfit(stated)
+    return best.score <= CONSISTENT and ratio >= CLEAR_RATIO and p <= EQUAL_P and misfit_of(best) < misfit_of(stated)
 
 
 def _same_result(a: Alternative, b: Alternative) -> bool:
@@ -342,12 +196,7 @@ def _mismatch(chosen: Alternative, ranked: Sequence[Alternative], setup: str) ->
     """The finding that the setup the user gave does not fit poses taken as T_base_gripper, while the other one does."""
     if setup == "auto":
         return []
-    same_reading = [
-        a
-        for a in ranked
-        if (a.reading.units, a.reading.rotation, a.reading.angle, a.reading.by_axis_names)
-        == (chosen.reading.units, chosen.reading.rotation, chosen.reading.angle, chosen.reading.by_axis_names)
-    ]
+    same_reading = [a for a in ranked if _same_notation(a, chosen)]
     documented = [a for a in same_reading if a.reading.direction == "base-gripper"] or [
         a for a in same_reading if a.reading.direction == chosen.reading.direction
     ]
@@ -355,6 +204,8 @@ def _mismatch(chosen: Alternative, ranked: Sequence[Alternative], setup: str) ->
     other = next((a for a in documented if a.setup != setup), None)
     if given is None or other is None or not _clearly_better(other, given):
         return []
+    if chosen.reading.direction == "gripper-base" and chosen.plausible and not other.plausible:
+        return []  # the setup is right and the poses are inverted: said by _direction
     message = (
         f"the data do not fit {setup}: its loop leaves {given.loop_text}, that of {other.setup} {other.loop_text}; use "
         f"--setup {other.setup}"
@@ -362,6 +213,47 @@ def _mismatch(chosen: Alternative, ranked: Sequence[Alternative], setup: str) ->
     if given.reading.direction == "base-gripper":
         message += ", or --pose-direction gripper-base if the file holds T_gripper_base"
     return [Check("setup-mismatch", "fail", message, given.loop_rms_mm / max(other.loop_rms_mm, FLOOR_MM))]
+
+
+def _direction(chosen: Alternative, ranked: Sequence[Alternative]) -> list[Check]:
+    """The finding that the poses are the other way than documented, where neither file nor user said so."""
+    if chosen.reading.direction == "base-gripper" or chosen.score > CONSISTENT:
+        return []
+    documented = [a for a in ranked if a.reading.direction == "base-gripper" and _same_notation(a, chosen)]
+    if not documented:
+        return []  # the direction was given
+    same_setup = next((a for a in documented if a.setup == chosen.setup), None)
+    twin = next((a for a in documented if _equivalent(a, chosen)), None)
+    message = "the poses are inverted, T_gripper_base where T_base_gripper is documented: "
+    if same_setup is not None:
+        message += f"so the loop closes to {chosen.loop_text}, as documented it leaves {same_setup.loop_text}"
+    if twin is not None:
+        closes = f"; as documented {twin.setup} would close it as well"
+        message += closes + (
+            f", if that is so, use --setup {twin.setup}" if twin.plausible else f", but {_mounting_text(twin)}"
+        )
+    return [Check("pose-direction", "warn", message, same_setup.loop_rms_mm if same_setup else None)]
+
+
+def _mounting_text(a: Alternative) -> str:
+    """Why nobody builds a cell as a hypothesis says."""
+    carried, fixed = a.mounting
+    thing, other = ("camera", "target") if a.setup == "eye-in-hand" else ("target", "camera")
+    return (
+        f"that puts the {thing} {carried:.2f} m from the gripper that carries it and the {other} {fixed:.2f} m from "
+        "the base, which nobody builds"
+    )
+
+
+def _same_notation(a: Alternative, b: Alternative) -> bool:
+    """True when both read the numbers alike, direction aside."""
+    one, two = a.reading, b.reading
+    return (one.units, one.rotation, one.angle, one.by_axis_names) == (
+        two.units,
+        two.rotation,
+        two.angle,
+        two.by_axis_names,
+    )
 
 
 def _message(
@@ -380,8 +272,7 @@ def _message(
     twin = next((a for a in wanted if _equivalent(chosen, a)), None)
     if twin is not None and setup == "auto":
         given = "T_gripper_base" if twin.reading.direction == "gripper-base" else "T_base_gripper"
-        parts.append(
-            f"{twin.setup} with poses given as {given} would fit as well, no data can tell: the documented direction "
-            f"was taken; if the file is the other way, say so with --pose-direction {twin.reading.direction}"
-        )
+        parts.append(f"{twin.setup} with poses given as {given} would fit as well, no loop can tell")
+        reason = "the documented direction was taken" if twin.plausible else _mounting_text(twin)
+        parts[-1] += f": {reason}; if the file is the other way, say so with --pose-direction {twin.reading.direction}"
     return "; ".join(parts) + "."

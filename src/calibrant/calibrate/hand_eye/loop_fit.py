@@ -151,10 +151,10 @@ def fit_loop(
         deviation, rows = _linearised(A, B, Xs, Zs, scale, model)
         before, levels = levels, _levels(deviation, c, used, model)
         size = float(np.sqrt(max(step @ normal @ step, 0.0)))
-        if size < SETTLED * np.sqrt(6 * n) and np.allclose(before, levels, rtol=1e-3):
+        if size < SETTLED * np.sqrt(6 * n) and all(np.isclose(before, levels, rtol=1e-3)):
             break
     _, normal = _step(deviation, rows, c, used, levels)
-    covariance = np.linalg.pinv(normal, rcond=1e-14, hermitian=True)
+    covariance = np.asarray(np.linalg.pinv(normal, rcond=1e-14, hermitian=True), dtype=np.float64)
     return LoopFit(Xs, Zs, scale, deviation, levels[0], levels[1], covariance, rows, used, c, model)
 
 

@@ -1,7 +1,7 @@
-"""Hand-eye from data of which up to half may be wrong: RANSAC over triples of poses, guided by screw congruence.
+"""Hand-eye from data of which up to half may be wrong: RANSAC over triples of poses, guided by screws.
 
-1. Whatever X is, robot and camera turn by the same angle between two poses (Chen, "A screw motion approach to uniqueness
-   analysis of head-eye geometry of robots", CVPR 1991). Triples of views whose angles agree best are tried, those that
+1. Whatever X is, robot and camera turn by the same angle between two poses (Chen, "A screw motion approach to
+   uniqueness analysis of head-eye geometry of robots", CVPR 1991: congruent screws). Triples of views whose angles agree best are tried, those that
    turn about well separated axes first: two motions are the fewest that determine X.
 2. Each triple gives X in closed form (Park and Martin's rotation, then linear translation). It is judged by the half of
    the views that agree best with it, sum of ln distance + ln angle: no noise level needs to be known.
@@ -108,7 +108,7 @@ def _distances(a: Array, b: Array) -> Array:
 
 
 def relative_angles(T: Array) -> Array:
-    """Angles (n, n) between the rotations of T (n, 4, 4), rad, from the chord |R_i - R_j| = 2 sqrt(2) sin(angle / 2)."""
+    """Angles (n, n) between rotations of T (n, 4, 4), rad, by the chord |R_i - R_j| = 2 sqrt(2) sin(angle / 2)."""
     R = T[:, :3, :3].reshape(-1, 9)
     return 2 * np.arcsin(np.clip(_distances(R, R) / np.sqrt(8), 0, 1))
 

@@ -25,8 +25,8 @@ def examine(case: Case) -> list[Finding]:
     if len(out) > MOST * len(case.index):
         message = (
             f"{len(out)} of {len(case.index)} views disagree with the others ({', '.join(names[:8])}"
-            f"{' …' if len(names) > 8 else ''}): more than a third, so the fault is not in single views; check how poses "
-            "and images were recorded"
+            f"{' …' if len(names) > 8 else ''}): more than a third, so the fault is not in single views; check "
+            "how poses and images were recorded"
         )
         p = float(case.robust.p_value[out].max()) * len(case.index)
         return [Finding("views-disagree", "fail", message, confidence(p), evidence, names)]

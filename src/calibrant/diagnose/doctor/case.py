@@ -137,7 +137,8 @@ class Case:
         if self.observations is None or self.data.views is None:
             return self.B
         out = set(self.data.ids) - set(self.ids)
-        left = [(v, r) for v, r, use in zip(self.data.views, self.data.reasons, self.data.use) if not use]
+        rows = zip(self.data.views, self.data.reasons, self.data.use)
+        left = [(v, r) for v, r, use in rows if not use and len(v)]
         missed = tuple(Missed(v.id, r or "left out", v.camera, v.file) for v, r in left)
         views = tuple(v for v in self.observations.views if v.moment not in out)
         return replace(self.observations, views=views, missed=(*self.observations.missed, *missed))

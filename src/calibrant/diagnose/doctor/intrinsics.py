@@ -50,8 +50,9 @@ def _compared(case: Case, views: list[View], given: Camera, fresh: Camera) -> li
     total = points.sum()
     evidence = Evidence(case.loop, repaired.loop)
     message = (
-        f"the camera given does not fit the images: it leaves {np.sqrt(before / total):.3g} px rms, a camera calibrated "
-        f"from them {np.sqrt(after / total):.3g} px ({_differences(given, fresh)}); with that {evidence.text}"
+        f"the camera given does not fit the images: it leaves {np.sqrt(before / total):.3g} px rms, a camera "
+        f"calibrated from them {np.sqrt(after / total):.3g} px ({_differences(given, fresh)}); "
+        f"with that {evidence.text}"
     )
     return [
         Finding(

@@ -24,8 +24,10 @@ Array = NDArray[np.float64]
 
 PICTURES = 2
 """Pictures looked at again: each shows a dozen markers, and their corners are searched anew."""
-MATTERS = 0.05
-"""Corners of a marker are found to about a pixel, in or out, of some tens: 5 % is the least that is its size."""
+OUTLINE_PX = 1.0
+"""A marker's outline runs through the middles of its outermost pixels: each side comes out one pixel short."""
+UNSURE_PX, UNSURE_SHARE = 2.0, 0.03
+"""Blur and the grey of the edges move it by up to two pixels more, of some tens; 3 % on top is a printed size."""
 LEAST_SIDES = 12
 
 
@@ -35,13 +37,14 @@ def examine(case: Case) -> list[Finding]:
     if target is None or case.camera is None:
         return []
     best = sorted(case.index, key=lambda i: -len(case.data.views[i]))  # type: ignore[index]
-    sides = [_sides(case, int(i), target) for i in islice(best, PICTURES)]
-    found = np.concatenate([np.zeros(0), *sides])
+    measured = [_sides(case, int(i), target) for i in islice(best, PICTURES)]
+    found, pixels = (np.concatenate([np.zeros(0), *part]) for part in zip(*measured))
     if len(found) < LEAST_SIDES:
         return []
     value = float(np.median(found))
     sigma = 1.4826 * float(np.median(np.abs(found - value))) / np.sqrt(len(found))
-    if abs(value - 1) < max(MATTERS, sigma * float(stdtrit(len(found) - 1, 0.999))):
+    unsure = UNSURE_SHARE + UNSURE_PX / float(np.median(pixels))
+    if abs(value - 1) < max(unsure, sigma * float(stdtrit(len(found) - 1, 0.999))):
         return []
     message = (
         f"the markers measure {1e3 * value * target.marker:.3g} +- {1e3 * sigma * target.marker:.1g} mm if the squares "
@@ -62,29 +65,37 @@ def _charuco(case: Case) -> Charuco | None:
     return target if isinstance(target, Charuco) else None
 
 
-def _sides(case: Case, row: int, target: Charuco) -> Array:
-    """Sides of the markers in one picture, over the side given."""
+def _sides(case: Case, row: int, target: Charuco) -> tuple[Array, Array]:
+    """Sides of the markers in one picture: over the side given, and in pixels."""
     from calibrant.detect.images import load_grey
     from calibrant.detect.opencv import ALL_WINDOWS, find_markers
 
     view: View = case.data.views[row]  # type: ignore[index]
+    nothing = np.zeros(0), np.zeros(0)
     if view.file is None:
-        return np.zeros(0)
+        return nothing
     try:
         markers = find_markers(load_grey(view.file), target.dictionary, windows=ALL_WINDOWS)
     except CalibrantError:  # the picture has gone since: then there is nothing to measure
-        return np.zeros(0)
+        return nothing
     quads = [m for i, m in zip(markers.ids, markers.corners) if 0 <= i < target.marker_count]
     if not quads:
-        return np.zeros(0)
-    corners = _on_board(case, row, np.stack(quads))
-    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).reshape(-1) / (target.marker * case.scale)
-    return sides[np.isfinite(sides)]
+        return nothing
+    uv = np.stack(quads).astype(np.float64)
+    pixels, metres = (_lengths(corners) for corners in (uv, _on_board(case, row, uv)))
+    share = metres / (target.marker * case.scale) * (1 + OUTLINE_PX / pixels)
+    good = np.isfinite(share)
+    return share[good], pixels[good]
+
+
+def _lengths(corners: Array) -> Array:
+    """Sides of quadrilaterals (k, 4, 2): (4 k,)."""
+    return np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).reshape(-1)
 
 
 def _on_board(case: Case, row: int, uv: Array) -> Array:
     """Pixels (k, 4, 2) on the board's plane: (k, 4, 2) metres, target frame."""
-    rays = case.camera.unproject(uv.reshape(-1, 2).astype(np.float64))  # type: ignore[union-attr]
+    rays = case.camera.unproject(uv.reshape(-1, 2))  # type: ignore[union-attr]
     T_target_camera = se3.inverse(case.data.B[row])
     origin, direction = T_target_camera[:3, 3], rays @ T_target_camera[:3, :3].T
     with np.errstate(divide="ignore", invalid="ignore"):

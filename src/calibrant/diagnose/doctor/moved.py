@@ -22,6 +22,7 @@ from calibrant.geometry import se3
 
 Array = NDArray[np.float64]
 What = Literal["target", "camera"]
+KINDS: tuple[What, What] = ("target", "camera")
 
 LEAST_PART = 3
 """Fewer views before or after are single wrong poses: they do not determine where the thing went."""
@@ -47,7 +48,7 @@ def examine(case: Case) -> list[Finding]:
     n = len(case.index)
     if n < 2 * LEAST_PART + 1:
         return []
-    splits = [s for what in ("target", "camera") for s in _splits(case, what)]  # type: ignore[arg-type]
+    splits = [s for what in KINDS for s in _splits(case, what)]
     if not splits:
         return []
     best = min(splits, key=lambda s: s.misfit)

@@ -87,7 +87,7 @@ def incongruence(angles_a: Array, angles_b: Array) -> float:
 
 
 def congruent_orders(robot: Array, B: Array, used: Index, names: Sequence[str]) -> list[Order]:
-    """Orders that make robot (n, 4, 4) and camera (m, 4, 4, of the rows `used`) turn by more equal angles, best first."""
+    """Orders in which robot (n, 4, 4) and camera (m, 4, 4, rows `used`) turn by more equal angles, best first."""
     angles_a, angles_b = relative_angles(robot), relative_angles(B)
     now = incongruence(angles_a[np.ix_(used, used)], angles_b)
     found = []

@@ -18,7 +18,7 @@ def ratio_test(before: float, after: float, freedom: int, *, hypotheses: int = 1
 
 
 def nested_test(before: float, after: float, unknowns: int, freedom: int, *, hypotheses: int = 1) -> float:
-    """p of squared residuals that fall from `before` to `after` by `unknowns` more unknowns; `freedom` of the latter."""
+    """p of squared residuals that fall from `before` to `after` by more unknowns; `freedom` is that of `after`."""
     if freedom <= 0:
         return 1.0
     if after <= 0:

@@ -1,0 +1,160 @@
+"""The whole diagnosis: how the poses are to be read, what is wrong with the data, and the data repaired."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.cameras import Camera
+from calibrant.data import CalibrationResult, Check, Observations, RobotPoses, View, ViewResult, verdict_of
+from calibrant.diagnose.doctor.case import Case, case_of_poses, case_of_views
+from calibrant.diagnose.doctor.finding import Finding
+from calibrant.diagnose.doctor.reading import PoseDecision, decide_poses
+from calibrant.diagnose.doctor.search import Examination, examine
+from calibrant.diagnose.doctor.timing import times_of
+from calibrant.diagnose.hypotheses import CONSISTENT, Setup
+from calibrant.errors import InputError
+from calibrant.formats.pose_readings import PoseReading
+
+Array = NDArray[np.float64]
+Asked = Setup | Literal["auto"]
+
+LEAST_POSES = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """The decision about the poses, the examination of the data read so, and all findings, worst first."""
+
+    poses: PoseDecision
+    examination: Examination
+    findings: tuple[Finding, ...]
+
+    @property
+    def sound(self) -> bool:
+        """True when nothing failed."""
+        return all(f.status != "fail" for f in self.findings)
+
+    @property
+    def repaired(self) -> Case:
+        """The data with every repair applied."""
+        return self.examination.repaired
+
+    def named(self, name: str) -> tuple[Finding, ...]:
+        """The findings of that name."""
+        return tuple(f for f in self.findings if f.name == name)
+
+
+def diagnose_poses(complete: Sequence[PoseReading], T_camera_target: Array, *, setup: Asked = "auto") -> Diagnosis:
+    """Diagnose n robot poses and n target poses (n, 4, 4), metres, that belong together row by row.
+
+    Args: complete, readings of the robot poses, the most believable first (formats.poses.readings).
+    Raises: RefusedError naming degenerate motions, or two readings that fit equally well.
+    """
+    B = np.asarray(T_camera_target, dtype=np.float64)
+    rows = np.arange(len(B))
+    poses = decide_poses(complete, B, rows, setup=setup, measured=True)
+    times = times_of(complete[0].ids)
+    case = case_of_poses(poses.reading.poses, B, setup=poses.setup, times=times)
+    if poses.inverted_targets:
+        case = case.with_inverted_targets()
+    return _diagnosis(poses, examine(case))
+
+
+def diagnose_views(
+    complete: Sequence[PoseReading],
+    observations: Observations,
+    camera: Camera,
+    *,
+    setup: Asked = "auto",
+    camera_given: bool = False,
+) -> Diagnosis:
+    """Diagnose robot poses and the views taken at them.
+
+    Args: complete, readings of the poses in the order of the pictures, their ids the pictures' names, also of those
+    that show no target; observations, whose views carry these names as ids; camera, known or calibrated from the views.
+    Raises: InputError for a view without a pose; RefusedError as `diagnose_poses`.
+    """
+    ids = complete[0].ids
+    filled = _with_gaps(observations, ids)
+    any_case = case_of_views(complete[0].poses, filled, camera, setup="eye-in-hand")
+    rows = any_case.index
+    poses = decide_poses(complete, any_case.B, rows, setup=setup)
+    case = replace(
+        case_of_views(
+            poses.reading.poses, filled, camera, setup=poses.setup, camera_given=camera_given, times=times_of(ids)
+        ),
+        observations=observations,
+    )
+    return _diagnosis(poses, examine(case))
+
+
+def _with_gaps(observations: Observations, ids: Sequence[str]) -> Observations:
+    """A view for every pose, empty where the picture shows no target, so that orders of rows keep their meaning."""
+    views = {v.id: v for v in observations.views}
+    unknown = [name for name in views if name not in ids]
+    if unknown:
+        raise InputError(f"no robot pose for view {unknown[0]!r}; poses are called {', '.join(ids[:4])} …")
+    nothing = np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0, dtype=np.int64)
+    camera = next(iter(observations.image_sizes))
+    every = tuple(replace(views[i], moment=i) if i in views else View(i, *nothing, camera=camera) for i in ids)
+    return replace(observations, views=every)
+
+
+def _diagnosis(poses: PoseDecision, examination: Examination) -> Diagnosis:
+    findings = [f for f in poses.findings if f.name != "no-reading-fits" or not examination.findings]
+    if examination.findings and not poses.fits:
+        findings += _still_open(poses, examination)
+    every = (*findings, *examination.findings)
+    rank = {"fail": 0, "warn": 1, "ok": 2}
+    return Diagnosis(poses, examination, tuple(sorted(every, key=lambda f: rank[f.status])))
+
+
+def _still_open(poses: PoseDecision, examination: Examination) -> list[Finding]:
+    """The finding that no reading fits, when the repairs did not close the loop either."""
+    case = examination.repaired
+    left = [f for f in poses.findings if f.name == "no-reading-fits"]
+    if not left or len(case.index) < LEAST_POSES:
+        return left
+    from calibrant.calibrate.hand_eye.loops import loop_consistency
+
+    keep = ~case.robust.outlier
+    score = loop_consistency(case.A[keep], case.B[keep], case.robust.X).score
+    return left if score > CONSISTENT else []
+
+
+def as_result(diagnosis: Diagnosis) -> CalibrationResult:
+    """The diagnosis as a result of kind "doctor": findings as checks, every view with what the doctor would do."""
+    case = diagnosis.repaired
+    checks = (
+        Check("pose-reading", "ok", diagnosis.poses.decision.message, diagnosis.poses.decision.confidence),
+        *(f.check for f in diagnosis.findings),
+    )
+    data = case.data
+    sizes = [0] * len(data) if data.views is None else [len(v) for v in data.views]
+    views = tuple(
+        ViewResult(i, bool(use), size, reason=reason, T_camera_target=B if np.isfinite(B).all() else None)
+        for i, use, size, reason, B in zip(data.ids, data.use, sizes, data.reasons, data.B)
+    )
+    examination = diagnosis.examination
+    loops = {
+        name: {"mm": loop.mm, "deg": loop.deg}
+        for name, loop in (("loop_before", examination.before), ("loop_after", examination.after))
+        if loop is not None
+    }
+    return CalibrationResult(
+        kind="doctor",
+        verdict=verdict_of(checks),
+        checks=checks,
+        views=views,
+        options={
+            "setup": diagnosis.poses.setup,
+            "pose_reading": diagnosis.poses.decision.reading.description,
+            **loops,
+        },
+        robot_poses=RobotPoses(data.ids, data.T_base_gripper),
+    )

@@ -1,0 +1,220 @@
+"""How the poses are written, where the camera is, and in which order they stand: what must be known before all else.
+
+`diagnose.conventions` decides among readings by the loop. Where no reading closes it, the poses may stand in another
+order, or the target poses may be inverted: then these are tried with every reading. Where still nothing closes it, up
+to half of the views may be wrong: the reading is taken that closes the loop for the larger half, and the search for
+faults says what is wrong with the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.calibrate.hand_eye.loops import loop_consistency
+from calibrant.calibrate.hand_eye.robust import log_misfit, relative_angles, robust_fit
+from calibrant.data import Check
+from calibrant.diagnose.conventions import ConventionDecision, decide
+from calibrant.diagnose.doctor.finding import Evidence, Finding, Loop
+from calibrant.diagnose.doctor.pairing import Order, congruent_orders, incongruence
+from calibrant.diagnose.doctor.significance import confidence
+from calibrant.diagnose.hypotheses import CONSISTENT, Alternative, Setup
+from calibrant.errors import RefusedError
+from calibrant.formats.pose_readings import PoseReading
+from calibrant.geometry import se3
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+ORDERS_TRIED = 2
+"""Orders whose readings are solved, the most congruent ones."""
+ALTERNATIVES_TRIED = 6
+"""Readings fitted robustly when none closes the loop."""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseDecision:
+    """What was decided, with every pose of the file: reading, setup, and the order of the rows if it is not theirs.
+
+    fits: False when no reading closes the loop for most of the views.
+    """
+
+    decision: ConventionDecision
+    reading: PoseReading
+    setup: Setup
+    order: Order | None
+    inverted_targets: bool
+    fits: bool
+    findings: tuple[Finding, ...]
+
+
+def decide_poses(
+    complete: Sequence[PoseReading],
+    B: Array,
+    rows: Index,
+    *,
+    setup: Setup | Literal["auto"] = "auto",
+    measured: bool = False,
+) -> PoseDecision:
+    """Decide how n poses are to be read from m target poses.
+
+    Args: complete, readings of all n poses, in the order of the images; B (m, 4, 4) = T_camera_target of the rows
+    `rows`; measured, the target poses were measured elsewhere, so that they may be inverted.
+    Raises: RefusedError when the motions determine nothing, or two readings fit equally well.
+    """
+    plain = _decided(complete, B, rows, None, setup)
+    if plain is not None and plain.ok:
+        return _decision(plain, complete, None, inverted=False, setup=setup)
+    trials = [(_decided(complete, B, rows, o, setup), o, False) for o in _orders(complete, B, rows)]
+    inverse = [(_decided(complete, se3.inverse(B), rows, None, setup), None, True)] if measured else []
+    good = [(d, order, inverted) for d, order, inverted in (*trials, *inverse) if d is not None and d.ok]
+    if good:
+        decision, order, inverted = min(good, key=lambda t: _chosen(t[0]).score)
+        return _decision(decision, complete, order, inverted=inverted, setup=setup)
+    if plain is None:
+        plain = decide([r.take(rows.tolist()) for r in complete], B, setup=setup)  # raises what it raised
+    return _by_halves(plain, complete, B, setup)
+
+
+def _decided(
+    complete: Sequence[PoseReading], B: Array, rows: Index, order: Order | None, setup: Setup | Literal["auto"]
+) -> ConventionDecision | None:
+    """The decision; None where two readings fit equally well or the motions determine nothing."""
+    taken = rows if order is None else order.rows[rows]
+    try:
+        return decide([r.take(taken.tolist()) for r in complete], B, setup=setup)
+    except RefusedError:
+        if order is None:
+            raise
+        return None
+
+
+def _orders(complete: Sequence[PoseReading], B: Array, rows: Index) -> list[Order]:
+    """The most congruent other orders, over all notations."""
+    found: list[tuple[float, Order]] = []
+    seen = set()
+    angles_b = relative_angles(B)
+    for reading in complete:
+        key = (reading.rotation, reading.angle, reading.by_axis_names)
+        if key in seen:
+            continue
+        seen.add(key)
+        for order in congruent_orders(reading.T_base_gripper, B, rows, reading.ids)[:ORDERS_TRIED]:
+            taken = order.rows[rows]
+            angles_a = relative_angles(reading.T_base_gripper[taken])
+            found.append((incongruence(angles_a, angles_b), order))
+    found.sort(key=lambda item: item[0])
+    return [order for _, order in found[:ORDERS_TRIED]]
+
+
+def _chosen(decision: ConventionDecision) -> Alternative:
+    return next(a for a in decision.alternatives if a.reading is decision.reading and a.setup == decision.setup)
+
+
+def _by_halves(
+    plain: ConventionDecision, complete: Sequence[PoseReading], B: Array, setup: Setup | Literal["auto"]
+) -> PoseDecision:
+    """The reading that closes the loop for the larger half of the views."""
+    distinct: dict[tuple[float, float], Alternative] = {}
+    for a in plain.alternatives:
+        if setup in ("auto", a.setup):
+            distinct.setdefault((a.loop_rms_mm, a.loop_rms_deg), a)
+    best: tuple[float, Alternative, bool] | None = None
+    for a in list(distinct.values())[:ALTERNATIVES_TRIED]:
+        robust = robust_fit(a.A, B)
+        half = np.argsort(log_misfit(robust.fit.deviation))[: len(B) // 2 + 1]
+        value = float(log_misfit(robust.fit.deviation)[half].sum())
+        closes = loop_consistency(a.A[half], B[half], robust.X).score <= CONSISTENT / 2
+        if best is None or value < best[0]:
+            best = value, a, closes
+    if best is None or not best[2]:
+        return _decision(plain, complete, None, inverted=False, setup=setup)
+    a = best[1]
+    chosen = ConventionDecision(
+        a.reading,
+        a.setup,
+        plain.confidence,
+        f"poses read as {a.description}: the loop closes for the larger half of the views only",
+        plain.alternatives,
+        tuple(f for f in plain.findings if f.name != "no-reading-fits"),
+    )
+    return _decision(chosen, complete, None, inverted=False, setup=setup)
+
+
+def _decision(
+    decision: ConventionDecision,
+    complete: Sequence[PoseReading],
+    order: Order | None,
+    *,
+    inverted: bool,
+    setup: Setup | Literal["auto"],
+) -> PoseDecision:
+    """The decision about all poses, with the findings in words."""
+    r = decision.reading
+    key = (r.units, r.rotation, r.angle, r.direction, r.by_axis_names)
+    full = next(c for c in complete if (c.units, c.rotation, c.angle, c.direction, c.by_axis_names) == key)
+    findings = [*_conventions(decision, complete[0], setup), *(_as_finding(f, decision) for f in decision.findings)]
+    if order is not None:
+        findings.insert(0, _order_finding(order, decision))
+        full = full.take(order.rows.tolist(), full.ids)
+    if inverted:
+        message = "the target poses are inverted, T_target_camera where T_camera_target is documented"
+        findings.insert(0, Finding("target-pose-direction", "fail", message, decision.confidence))
+    return PoseDecision(decision, full, decision.setup, order, inverted, decision.ok, tuple(findings))
+
+
+def _conventions(decision: ConventionDecision, first: PoseReading, setup: str) -> list[Finding]:
+    """What differs from the native form, T_base_gripper in metres and quaternions x y z w or matrices."""
+    r = decision.reading
+    chosen = next(
+        (a for a in decision.alternatives if a.reading is r and a.setup == decision.setup), decision.alternatives[0]
+    )
+    found = []
+    if r.units != "m":
+        plain = _loop_of(decision, chosen, units=first.units) if first.units != r.units else None
+        found.append(_convention("pose-units", f"positions are in {r.units}, read so", r, chosen, plain, decision))
+    if r.rotation not in ("quat-xyzw", "matrix"):
+        other = (first.rotation, first.angle) != (r.rotation, r.angle)
+        plain = _loop_of(decision, chosen, rotation=first.rotation, angle=first.angle) if other else None
+        words = r.description.split(", ", 1)[1].rsplit(", T_", 1)[0]
+        found.append(_convention("pose-rotation", f"rotations are {words}, read so", r, chosen, plain, decision))
+    return found
+
+
+def _loop_of(decision: ConventionDecision, chosen: Alternative, **changed: str) -> Loop | None:
+    """The loop of the reading that differs from the chosen one in this only, where it was tried."""
+    wanted = {key: getattr(chosen.reading, key) for key in ("units", "rotation", "angle", "direction")} | changed
+    for a in decision.alternatives:
+        if a.setup == chosen.setup and all(getattr(a.reading, key) == value for key, value in wanted.items()):
+            return Loop(a.loop_rms_mm, a.loop_rms_deg)
+    return None
+
+
+def _convention(
+    name: str,
+    words: str,
+    reading: PoseReading,
+    chosen: Alternative,
+    plain: Loop | None,
+    decision: ConventionDecision,
+) -> Finding:
+    after = Loop(chosen.loop_rms_mm, chosen.loop_rms_deg)
+    evidence = None if plain is None else Evidence(plain, after)
+    text = words if evidence is None else f"{words}: {evidence.text}"
+    against = "; ".join(reading.contradicts)
+    status: Literal["ok", "warn"] = "warn" if against else "ok"
+    return Finding(name, status, f"{text} ({against})" if against else text, decision.confidence, evidence)
+
+
+def _as_finding(check: Check, decision: ConventionDecision) -> Finding:
+    return Finding(check.name, check.status, check.message, decision.confidence)
+
+
+def _order_finding(order: Order, decision: ConventionDecision) -> Finding:
+    chosen = _chosen(decision)
+    message = f"{order.words}: paired rightly, the loop closes to {chosen.loop_text}"
+    return Finding(order.name, "fail", message, confidence(1 - decision.confidence), proposal=order.proposal)

@@ -7,7 +7,7 @@ that do not belong are left out, and again -> target scale, held-out error, chec
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,14 +26,16 @@ from calibrant.calibrate.hand_eye.joint import (
     CameraRole,
     image_problem,
     pose_problem,
-    prior_camera,
 )
 from calibrant.calibrate.hand_eye.loops import loop_errors
 from calibrant.calibrate.hand_eye.motion import MotionReport, motion_report
+from calibrant.calibrate.hand_eye.photos import named_by_poses, prepare_photos
 from calibrant.calibrate.hand_eye.seed import Seed, best_seed, compare_methods, mean_of_methods, method_result
 from calibrant.calibrate.hand_eye.setup import SETUPS, Setup, get_setup
-from calibrant.calibrate.hand_eye.views import HandEyeViews, from_observations, from_target_poses, weighed
-from calibrant.calibrate.intrinsics import calibrate_keeping
+from calibrant.calibrate.hand_eye.views import (
+    HandEyeViews,
+    from_target_poses,
+)
 from calibrant.calibrate.outliers import mark, points_reason
 from calibrant.calibrate.provenance import refuse_if_failed, stamp
 from calibrant.cameras import Camera
@@ -49,7 +51,7 @@ from calibrant.data import (
     as_transform,
     verdict_of,
 )
-from calibrant.errors import InputError, RefusedError
+from calibrant.errors import RefusedError
 from calibrant.geometry import se3
 from calibrant.optimize.levenberg_marquardt import solve
 from calibrant.optimize.noise import NoiseEstimate, estimate_noise
@@ -93,12 +95,13 @@ def calibrate_hand_eye(
     chosen = get_setup(setup)
     poses = T_base_gripper if isinstance(T_base_gripper, RobotPoses) else RobotPoses.from_matrices(T_base_gripper)
     if isinstance(target, Observations):
-        observations = _named_by_poses(target, poses, given_ids=isinstance(T_base_gripper, RobotPoses))
-        data, role, sigma_px = _prepare_images(poses, observations, camera, model, fix)
+        observations = named_by_poses(target, poses, given_ids=isinstance(T_base_gripper, RobotPoses))
+        photos = prepare_photos(poses, observations, camera, model, fix)
+        data, role, sigma_px = photos.data, photos.role, photos.sigma_px
     else:
         observations = None
         B = se3.check(target, name="T_camera_target")
-        data, role, sigma_px = from_target_poses(poses, np.atleast_3d(B)), None, 1.0
+        data, role, sigma_px = from_target_poses(poses, B.reshape(-1, 4, 4)), None, 1.0
     _require_poses(data)
     report = motion_report(*_pairs(chosen, data), frame=chosen.camera_parent)
     report.require_determined()
@@ -112,51 +115,12 @@ def calibrate_hand_eye(
     )
 
 
-def _named_by_poses(observations: Observations, poses: RobotPoses, *, given_ids: bool) -> Observations:
-    """Views that carry the poses' ids: by name when the poses have names, else by order."""
-    if len(observations.image_sizes) != 1:
-        raise InputError(f"hand-eye calibration takes one camera, got {', '.join(observations.image_sizes)}")
-    if given_ids:
-        return observations
-    if len(observations.views) != len(poses):
-        raise InputError(
-            f"{len(poses)} robot poses without names but {len(observations.views)} views with a target; "
-            "give RobotPoses with the views' ids, or one pose a view"
-        )
-    views = tuple(replace(v, moment=i) for v, i in zip(observations.views, poses.ids))
-    return replace(observations, views=views)
-
-
-def _prepare_images(
-    poses: RobotPoses, observations: Observations, camera: Camera | None, model: str, fix: Sequence[str]
-) -> tuple[HandEyeViews, CameraRole, float]:
-    """Target poses from the images, and the camera's role in the joint problem."""
-    if camera is not None:
-        observations = replace(observations, views=weighed(observations.views, camera))
-        data = from_observations(poses, observations, camera, sigma_px=1.0)
-        return data, prior_camera(camera), max(float(np.nanmedian(data.rms_px)) / np.sqrt(2), 1e-3)  # type: ignore[arg-type]
-    kept = calibrate_keeping(observations, model=model, fix=fix)
-    result = kept.result
-    sigma = max(result.sigma_px or 0.0, 1e-3)
-    data = from_observations(poses, replace(observations, views=kept.views), result.camera, sigma)
-    held = tuple(n for n, s in result.camera.sigma.items() if s == 0)
-    extra = [(v, T) for v, T, use in zip(data.views or (), data.B, data.use) if not use and len(v) >= 4]
-    usable = [(v, T) for v, T in extra if not np.allclose(T, np.eye(4))]
-    role = CameraRole(
-        result.camera,
-        held,
-        extra=tuple(v for v, _ in usable),
-        extra_poses=np.array([T for _, T in usable]).reshape(-1, 4, 4),
-    )
-    return data, role, sigma
-
-
 def _require_poses(data: HandEyeViews) -> None:
     used = int(data.use.sum())
     if used < 3:
-        reasons = "; ".join(f"{i}: {r}" for i, r in zip(data.ids, data.reasons) if r)
+        reasons = "; ".join(f"{name}: {reason}" for name, reason in data.missing)
         raise RefusedError(
-            f"poses: {used} usable poses of {len(data)}, at least 3 are needed, better 10 to 20"
+            f"poses: {used} usable poses of {len(data) + len(data.left_out)}, at least 3 are needed, better 10 to 20"
             + (f" ({reasons})" if reasons else "")
         )
 
@@ -406,4 +370,4 @@ def _view_results(setup: Setup, joint: Joint) -> tuple[tuple[ViewResult, ...], f
         words = reason or (points_reason(lost, len(view), float(np.sqrt(squares.max()))) if lost else None)
         rms = float(np.sqrt(squares[offsets[k] : offsets[k + 1]].mean()))
         out.append(ViewResult(name, True, n, rms, words, view.camera, lost, T[k]))
-    return tuple(out), float(np.sqrt(squares.mean()))
+    return (*out, *data.left_out), float(np.sqrt(squares.mean()))

@@ -64,11 +64,10 @@ def loop_check(seed: Seed, loop: LoopErrors) -> Check:
 
 def views_check(data: HandEyeViews) -> Check:
     """How many poses were used."""
-    used, n = int(data.use.sum()), len(data)
+    used, n = int(data.use.sum()), len(data) + len(data.left_out)
     text = f"{used} of {n} poses used"
-    named = ", ".join(i for i, u in zip(data.ids, data.use) if not u)
     if used < n:
-        text += f"; left out: {named}"
+        text += f"; left out: {', '.join(name for name, _ in data.missing)}"
     if used < FEW_USED_SHARE * n:
         return Check("views", "warn", f"{text}. More than a third is missing: look for a common cause", float(used))
     return Check("views", "ok", text, float(used))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from calibrant.calibrate.outliers import mark
 from calibrant.calibrate.target_poses import target_poses
 from calibrant.calibrate.weights import completed
 from calibrant.cameras import Camera
-from calibrant.data import Observations, RobotPoses, View
+from calibrant.data import Observations, RobotPoses, View, ViewResult
 from calibrant.errors import InputError
 from calibrant.geometry import se3
 
@@ -23,6 +24,8 @@ WEAK_FLAG = 2.0
 """The same for a quarter of the information: used, and said."""
 MINIMUM_POINTS = 6
 """Fewer points than 6 leave less than half of their coordinates to check the pose with."""
+LEAST_SIGMA_PX = 1e-3
+"""Start of the pixel noise where the views fit exactly; the joint fit finds its level."""
 FEW_POINTS_SHARE = 0.5
 """A view with less than half of the typical number of points is said, even where they pin its pose down well."""
 
@@ -33,7 +36,9 @@ class HandEyeViews:
 
     covariance (n, 6, 6): of B for unit pixel noise, zero without images.
     certainty (n,): how many times less certain each B is than the typical one; points (n,), 0 without images.
+    sigma_px: pixel noise per axis, as the typical view shows it; 1 without images.
     use (n,): false for a view that is left out; reasons (n,): why, or what to know of it.
+    left_out: views that the camera's own calibration ruled out; they are not among the n.
     """
 
     ids: tuple[str, ...]
@@ -42,9 +47,16 @@ class HandEyeViews:
     covariance: Array
     views: tuple[View, ...] | None
     certainty: Array
-    rms_px: Array | None
+    sigma_px: float
     use: NDArray[np.bool_]
     reasons: tuple[str | None, ...]
+    left_out: tuple[ViewResult, ...] = ()
+
+    @property
+    def missing(self) -> list[tuple[str, str]]:
+        """Names and reasons of all views without a use."""
+        judged = [(i, r or "") for i, r, u in zip(self.ids, self.reasons, self.use) if not u]
+        return [*judged, *((v.id, v.reason or "") for v in self.left_out)]
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -53,6 +65,11 @@ class HandEyeViews:
         """The same with more views left out, each with its reason."""
         reasons = tuple(new if d and new else old for old, d, new in zip(self.reasons, dropped, reason))
         return replace(self, use=self.use & ~dropped, reasons=reasons)
+
+    def noted(self, remarks: Mapping[str, str]) -> HandEyeViews:
+        """The same with remarks on views, by id, where nothing is said of them yet."""
+        ids = [v.id for v in self.views or ()]
+        return replace(self, reasons=tuple(r or remarks.get(i) for r, i in zip(self.reasons, ids)))
 
     def seen_by(self, camera: Camera) -> HandEyeViews:
         """The same with the target poses of the used views found again by another camera."""
@@ -78,7 +95,7 @@ def from_target_poses(poses: RobotPoses, T_camera_target: Array) -> HandEyeViews
         np.zeros((n, 6, 6)),
         None,
         np.ones(n),
-        None,
+        1.0,
         np.ones(n, dtype=bool),
         (None,) * n,
     )
@@ -100,6 +117,22 @@ def match_views(poses: RobotPoses, observations: Observations) -> tuple[list[int
     return list(range(len(moments))), [index[m] for m in moments]
 
 
+def unsharp_views(views: Sequence[View]) -> dict[str, str]:
+    """Views, by id, whose points the detector finds hard to locate, and the words for it.
+
+    Their noise is WEAK_FLAG times the typical one (root mean square of the points' stated sigma).
+    """
+    stated = {v.id: float(np.sqrt(np.mean(v.sigma_px**2))) for v in views if v.sigma_px is not None}
+    if not stated:
+        return {}
+    typical = float(np.median(list(stated.values())))
+    return {
+        name: f"unsharp or overexposed: its points are located to {sigma:.2g} px, others typically to {typical:.2g} px"
+        for name, sigma in stated.items()
+        if sigma > WEAK_FLAG * typical
+    }
+
+
 def weighed(views: tuple[View, ...], camera: Camera) -> tuple[View, ...]:
     """The views with their detector's sigma completed by the excess noise, each fitted by the camera as it is.
 
@@ -117,8 +150,13 @@ def weighed(views: tuple[View, ...], camera: Camera) -> tuple[View, ...]:
     return tuple(done.get(v.id, v) for v in views)
 
 
-def from_observations(poses: RobotPoses, observations: Observations, camera: Camera, sigma_px: float) -> HandEyeViews:
-    """Views matched to poses by id, each with its target pose and how certain that is."""
+def from_observations(
+    poses: RobotPoses, observations: Observations, camera: Camera, sigma_px: float | None = None
+) -> HandEyeViews:
+    """Views matched to poses by id, each with its target pose and how certain that is.
+
+    sigma_px: noise per axis; by default what the typical view's residuals show.
+    """
     _, matched = match_views(poses, observations)
     views = list(observations.views)
     enough = np.array([len(v) >= MINIMUM_POINTS for v in views])
@@ -126,9 +164,11 @@ def from_observations(poses: RobotPoses, observations: Observations, camera: Cam
         raise InputError(f"no view has {MINIMUM_POINTS} points or more; nothing to calibrate from")
     found = target_poses(camera, [v for v, ok in zip(views, enough) if ok])
     n = len(views)
-    B, rms = np.tile(np.eye(4), (n, 1, 1)), np.full(n, np.nan)
+    B = np.tile(np.eye(4), (n, 1, 1))
     covariance = np.zeros((n, 6, 6))
-    B[enough], rms[enough], covariance[enough] = found.T_camera_target, found.rms_px, found.covariance
+    B[enough], covariance[enough] = found.T_camera_target, found.covariance
+    if sigma_px is None:
+        sigma_px = max(float(np.median(found.rms_px)) / np.sqrt(2), LEAST_SIGMA_PX)
     deviations = np.sqrt(np.einsum("nii->ni", found.covariance)) * sigma_px
     sigma_deg = np.rad2deg(np.linalg.norm(deviations[:, :3], axis=1))
     sigma_mm = 1e3 * np.linalg.norm(deviations[:, 3:], axis=1)
@@ -159,7 +199,7 @@ def from_observations(poses: RobotPoses, observations: Observations, camera: Cam
         covariance,
         tuple(views),
         certainty,
-        rms,
+        sigma_px,
         use,
         tuple(reasons),
     )

@@ -151,7 +151,8 @@ def fit_loop(
         deviation, rows = _linearised(A, B, Xs, Zs, scale, model)
         before, levels = levels, _levels(deviation, c, used, model)
         size = float(np.sqrt(max(step @ normal @ step, 0.0)))
-        if size < SETTLED * np.sqrt(6 * n) and all(np.isclose(before, levels, rtol=1e-3)):
+        settled = all(abs(new - old) <= 1e-3 * old for new, old in zip(levels, before))
+        if size < SETTLED * np.sqrt(6.0 * n) and settled:
             break
     _, normal = _step(deviation, rows, c, used, levels)
     covariance = np.asarray(np.linalg.pinv(normal, rcond=1e-14, hermitian=True), dtype=np.float64)

@@ -1,8 +1,8 @@
 """Hand-eye from data of which up to half may be wrong: RANSAC over triples of poses, guided by screws.
 
 1. Whatever X is, robot and camera turn by the same angle between two poses (Chen, "A screw motion approach to
-   uniqueness analysis of head-eye geometry of robots", CVPR 1991: congruent screws). Triples of views whose angles agree best are tried, those that
-   turn about well separated axes first: two motions are the fewest that determine X.
+   uniqueness analysis of head-eye geometry of robots", CVPR 1991: congruent screws). Triples of views whose angles
+   agree best are tried, those that turn about well separated axes first: two motions are the fewest that determine X.
 2. Each triple gives X in closed form (Park and Martin's rotation, then linear translation). It is judged by the half of
    the views that agree best with it, sum of ln distance + ln angle: no noise level needs to be known.
 3. The best are improved by concentration steps (Rousseeuw and Van Driessen, "Computing LTS regression for large data

@@ -100,7 +100,7 @@ def test_any_chain_can_become_a_urdf() -> None:
             "tool",
             "'rail' is prismatic and has no",
         ),
-        (('lower="-2" upper="2.5"', 'lower="2" upper="-2"'), "tool", "limits are 2 to -2"),
+        (('lower="-2" upper="2.5"', 'lower="2" upper="-2"'), "tool", "limits 2 to -2"),
         (('axis xyz="1 0 0"', 'axis xyz="0 0 0"'), "tool", "axis of joint 'rail' is 0 0 0"),
         (('mimic joint="shoulder"', 'mimic joint="knee"'), "tool", "mimics 'knee', which is no joint"),
         (('mimic joint="shoulder"', 'mimic joint="elbow"'), "tool", "mimics itself"),

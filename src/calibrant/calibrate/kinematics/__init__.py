@@ -1,0 +1,1 @@
+"""Kinematic calibration: a robot's own geometry from joint values and measured poses."""

@@ -1,0 +1,173 @@
+"""A kinematic calibration as a `CalibrationResult`: transforms, noise, checks, and the parameters as a table."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.calibrate.kinematics.identify import KinematicCalibration, figure
+from calibrant.calibrate.kinematics.problem import POSITION, ROTATION, ModelErrors
+from calibrant.data import CalibrationResult, Check, HeldOut, SigmaRobot, TransformEstimate, ViewResult, verdict_of
+from calibrant.optimize.noise import NoiseLevel
+from calibrant.robots.poe import ProductOfExponentials
+
+Array = NDArray[np.float64]
+
+HELD_OUT_FACTOR = 1.5
+"""Held-out errors this many times those of the fit mean that the fit follows the noise: with twice as many numbers as
+unknowns the expected ratio is sqrt((1 + 1/2) / (1 - 1/2)) = 1.7, with five times as many 1.2."""
+
+
+def as_result(calibration: KinematicCalibration) -> CalibrationResult:
+    """The calibration in the form of every result; the parameters are in options["parameters"]."""
+    checks = _checks(calibration)
+    held = calibration.held_out
+    return CalibrationResult(
+        kind="kinematics",
+        verdict=verdict_of(checks),
+        checks=checks,
+        transforms=_transforms(calibration),
+        sigma_robot=_noise(calibration),
+        views=_views(calibration),
+        held_out=None if held is None else HeldOut(mm=held.rms_mm, deg=held.rms_deg),
+        options={
+            "parameters": [_parameter(p) for p in parameter_rows(calibration)],
+            "rms_before": _errors(calibration.before.rms_mm, calibration.before.rms_deg),
+            "rms_after": _errors(calibration.after.rms_mm, calibration.after.rms_deg),
+            **({"axes": axis_rows(calibration)} if isinstance(calibration.model.chain, ProductOfExponentials) else {}),
+        },
+    )
+
+
+def parameter_rows(calibration: KinematicCalibration) -> list[dict[str, Any]]:
+    """Every candidate: name, group, unit, correction and sigma in the unit, or the reason why it is not fitted."""
+    return [
+        {
+            "name": p.parameter.name,
+            "group": p.parameter.group,
+            "unit": p.parameter.unit,
+            "correction": p.correction,
+            "sigma": p.sigma,
+            "reason": p.reason or None,
+        }
+        for p in calibration.parameters
+    ]
+
+
+def axis_rows(calibration: KinematicCalibration) -> list[dict[str, Any]]:
+    """Axes of a product of exponentials in the measuring frame: direction, a point, 1 sigma of tilt and shift.
+
+    The sigmas are those of the worse of the two directions across the axis.
+    """
+    chain = calibration.model.chain
+    if not isinstance(chain, ProductOfExponentials):
+        return []
+    sigma = {p.parameter.name: p.sigma for p in calibration.parameters}
+    rows: list[dict[str, Any]] = []
+    for k, joint in enumerate(chain.joints):
+        tilt = [sigma[f"{joint.name} tilt {w}"] for w in "uv"]
+        shift = [sigma.get(f"{joint.name} shift {w}") for w in "uv"]
+        rows.append(
+            {
+                "joint": joint.name,
+                "kind": joint.kind,
+                "direction": chain.directions[k].tolist(),
+                "point": chain.points[k].tolist(),
+                "sigma_direction_deg": _worst(tilt, 180 / np.pi),
+                "sigma_point_mm": _worst(shift, 1e3),
+            }
+        )
+    return rows
+
+
+def _worst(sigmas: list[float | None], factor: float) -> float | None:
+    known = [s for s in sigmas if s is not None]
+    return max(known) * factor if len(known) == len(sigmas) else None
+
+
+def _parameter(row: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in row.items() if value is not None}
+
+
+def _errors(mm: float, deg: float | None) -> dict[str, float]:
+    return {"mm": mm} if deg is None else {"mm": mm, "deg": deg}
+
+
+def _transforms(calibration: KinematicCalibration) -> tuple[TransformEstimate, ...]:
+    out: list[TransformEstimate] = []
+    model, C = calibration.model, calibration.covariance
+    if calibration.base_free:
+        out.append(TransformEstimate("world", "base", model.T_world_base, C[:6, :6]))
+    if calibration.tool_free:
+        known = calibration.measurements.rotations is not None
+        out.append(TransformEstimate("flange", "tool", model.T_flange_tool, C[-6:, -6:] if known else None))
+    return tuple(out)
+
+
+def _noise(calibration: KinematicCalibration) -> SigmaRobot:
+    position = calibration.noise[POSITION]
+    rotation = calibration.noise.get(ROTATION, NoiseLevel(0.0, 0.0, 0.0))
+    return SigmaRobot(
+        1e3 * position.sigma,
+        float(np.rad2deg(rotation.sigma)),
+        1e3 * position.deviation,
+        float(np.rad2deg(rotation.deviation)) or None,
+    )
+
+
+def _views(calibration: KinematicCalibration) -> tuple[ViewResult, ...]:
+    rows = zip(calibration.measurements.ids, calibration.used.tolist(), calibration.outlier_sizes.tolist())
+    return tuple(ViewResult(i, used, 1, reason=None if used else _outlier(size)) for i, used, size in rows)
+
+
+def _outlier(size: float) -> str:
+    return f"{size:.1f} times the noise away from all others"
+
+
+def _checks(calibration: KinematicCalibration) -> tuple[Check, ...]:
+    before, after, held = calibration.before, calibration.after, calibration.held_out
+    fitted, held_back = len(calibration.fitted), len(calibration.parameters) - len(calibration.fitted)
+    unshown = [p for p in calibration.parameters if p.reason and not p.reason.startswith("redundant")]
+    checks = [
+        Check("parameters", "ok", f"{fitted} parameters identified, {held_back} redundant or held", float(fitted)),
+        Check("fit", "ok", f"errors {_words(before)} rms before, {_words(after)} after", after.rms_mm),
+    ]
+    if unshown:
+        names = ", ".join(p.parameter.name for p in unshown[:5]) + (" …" if len(unshown) > 5 else "")
+        first = unshown[0]
+        checks.append(Check("excitation", "warn", f"not determined: {names} ({first.parameter.name}: {first.reason})"))
+    left_out = int((~calibration.used).sum())
+    if left_out:
+        ids = calibration.measurements.ids
+        worst = int(np.argmax(np.where(calibration.used, 0, calibration.outlier_sizes)))
+        text = f"{left_out} of {len(calibration.used)} measurements left out; worst: {ids[worst]}"
+        checks.append(Check("outliers", "warn", text, float(left_out)))
+    if held is None:
+        text = "too few measurements to keep some out of the fit: the error between them is not known"
+        checks.append(Check("held-out", "warn", text))
+    else:
+        checks.append(_held_out(calibration))
+    return tuple(checks)
+
+
+def _held_out(calibration: KinematicCalibration) -> Check:
+    held, after, before = calibration.held_out, calibration.after, calibration.before
+    if held is None:
+        raise ValueError("asked for a check of a hold-out that was not made")
+    words = _words(held)
+    # The nominal robot with its best base is the bar: what does not beat it on new poses is no calibration.
+    if held.rms_mm > before.rms_mm and not calibration.free_model:
+        text = f"on measurements kept out the error is {words} rms, more than the nominal robot's; take more poses"
+        return Check("held-out", "fail", text, held.rms_mm)
+    if held.rms_mm > HELD_OUT_FACTOR * after.rms_mm:
+        text = f"{words} rms on measurements kept out, {held.rms_mm / after.rms_mm:.1f} times the fit's error; take more poses"
+        return Check("held-out", "warn", text, held.rms_mm)
+    return Check("held-out", "ok", f"{words} rms on measurements kept out of the fit (five parts in turn)", held.rms_mm)
+
+
+def _words(errors: ModelErrors) -> str:
+    """The rms errors with their units."""
+    turn = "" if errors.rms_deg is None else f", {figure(np.deg2rad(errors.rms_deg), 'rad')}"
+    return figure(1e-3 * errors.rms_mm, "m") + turn

@@ -10,6 +10,7 @@ from calibrant.errors import InputError
 DETECTORS = {
     "chessboard": "calibrant.detect.chessboard:ChessboardDetector",
     "charuco": "calibrant.detect.charuco:CharucoDetector",
+    "circles": "calibrant.detect.circles:CirclesDetector",
 }
 
 

@@ -153,14 +153,16 @@ def _draw_polygon(grey: NDArray[np.float32], corners: Array, value: float) -> No
 
 
 def _draw_disc(grey: NDArray[np.float32], centre: Array, radius: float, value: float) -> None:
-    first = max(int(np.floor(centre[1] - radius)), 0)
-    last = min(int(np.ceil(centre[1] + radius)), grey.shape[0])
-    for row in range(first, last):
-        y = row + (np.arange(_SUBROWS) + 0.5) / _SUBROWS - centre[1]
-        half = np.sqrt(np.maximum(radius**2 - y**2, 0.0))
-        spans = [(centre[0] - h, centre[0] + h) for h in half.tolist() if h > 0]
-        if spans:
-            _blend_rows(grey, row, spans, value)
+    (c0, r0), (c1, r1) = np.floor(centre - radius).astype(int), np.ceil(centre + radius).astype(int)
+    c0, r0, c1, r1 = max(c0, 0), max(r0, 0), min(c1, grey.shape[1]), min(r1, grey.shape[0])
+    if c0 >= c1 or r0 >= r1:
+        return
+    y = r0 + (np.arange((r1 - r0) * _SUBROWS) + 0.5) / _SUBROWS - centre[1]
+    half = np.sqrt(np.maximum(radius**2 - y**2, 0.0))[:, None]
+    spans = np.diff(np.clip(np.arange(c0, c1 + 1), centre[0] - half, centre[0] + half), axis=1)
+    alpha = spans.reshape(r1 - r0, _SUBROWS, c1 - c0).mean(axis=1)
+    part = grey[r0:r1, c0:c1]
+    part += (alpha * (value - part)).astype(np.float32)
 
 
 def _clearance(data: NDArray[np.uint8]) -> NDArray[np.float32]:

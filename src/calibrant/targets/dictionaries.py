@@ -32,12 +32,12 @@ _BY_UPPER_CASE = {name.upper(): name for name in DICTIONARIES}
 
 
 def dictionary_name(text: str) -> str:
-    """The dictionary's own spelling; capitals do not matter and DICT_ may be left out.
+    """The dictionary's own spelling; capitals do not matter, DICT_ and DICT_APRILTAG_ may be left out.
 
     Raises: InputError listing the known names.
     """
     key = text.strip().upper()
-    for candidate in (key, f"DICT_{key}"):
+    for candidate in (key, f"DICT_{key}", f"DICT_APRILTAG_{key}"):
         if candidate in _BY_UPPER_CASE:
             return _BY_UPPER_CASE[candidate]
     raise InputError(f"unknown marker dictionary {text!r}; known dictionaries: {', '.join(DICTIONARIES)}")

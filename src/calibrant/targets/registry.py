@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calibrant.errors import InputError
-from calibrant.targets import charuco
+from calibrant.targets import charuco, circles
 from calibrant.targets.grid import parse_grid
 from calibrant.targets.lengths import parse_length
 from calibrant.targets.target import Target
@@ -37,6 +37,7 @@ def _chessboard(fields: Sequence[str]) -> Target:
 KINDS: dict[str, TargetKind] = {
     "chessboard": TargetKind(_CHESSBOARD, _chessboard),
     "charuco": TargetKind(charuco.SYNTAX, charuco.parse),
+    "circles": TargetKind(circles.SYNTAX, circles.parse),
 }
 
 _YAML_TARGET = re.compile(r"^target\s*:\s*(?P<spec>\"[^\"]*\"|'[^']*'|[^#\n]*?)\s*(?:#.*)?$", re.MULTILINE)

@@ -1,0 +1,166 @@
+"""Finding grids of circles: spots, lattice, placement; then ellipses fitted at full size and moved to the true centres.
+
+The centre of a circle's picture, an ellipse, is not the picture of its centre. With u = (J x + ...) / (1 + g . x) the
+homography around the centre (J px per step, g per step), the dual conic H diag(r^2, r^2, -1) H^T of a circle of radius
+r puts the ellipse's centre at -r^2 J g / (1 - r^2 |g|^2) from the centre's picture (J. Heikkila, Geometric Camera
+Calibration Using Circular Control Points, PAMI 2000). J and g come from the dots around each dot, r^2 from the
+ellipse's own area, so no camera and no diameter need to be known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from calibrant.detect.detection import Detection, Grey
+from calibrant.detect.dot_lattice import Lattice, grow_lattices
+from calibrant.detect.dot_placement import Placement, place
+from calibrant.detect.ellipse import Ellipses, refine_spots
+from calibrant.detect.local_homography import LocalMaps, fit_local_maps
+from calibrant.detect.opencv import shrink
+from calibrant.detect.spots import Spots, find_spots
+from calibrant.errors import InputError
+from calibrant.targets.circles import Circles
+from calibrant.targets.target import Target
+
+Array = NDArray[np.float64]
+
+FIRST_LONGEST_PX = 1000
+"""Longest side of the first scale: dots of a 20x20 grid that fills half of the picture still measure 12 px."""
+WINDOWS = (1 / 30, 1 / 10, 1 / 100, 1 / 4)
+"""Windows of the threshold over the picture's longest side: a window must hold a dot, and not reach over the paper's
+edge more than it must. The likeliest first."""
+LEAST_CONTRAST = 3.0
+"""Half the difference of dot and paper, grey levels: three times the rounding of 8 bits."""
+MOST_MISFIT = 0.35
+"""Residuals of the ellipse's model over its contrast: noise of a sixth of the whole step; squares and letters are worse."""
+CENTRE_SIGMA_PX = 0.1
+"""What fitted centres are trusted when they predict each other."""
+AGREEMENT_STEPS = 0.08
+"""A dot lies where those around it predict, in steps: a lens bends a grid by a hundredth between neighbours."""
+LEAST_LOOK = 12
+"""Dots that a grid of another size needs to be called one in a message: 4x3."""
+LEAST_FIT = 0.7
+"""Of the dots placed whose ellipses must fit: else it is a grid of something else."""
+
+
+class CirclesDetector:
+    """Finds grids of circles, whole or in part. Registered in `detect/registry.py`."""
+
+    def detect(self, grey: Grey, target: Target) -> Detection:
+        """The dots' centres in a grey image (h, w), with their standard deviations.
+
+        Raises: InputError when the target is not a grid of circles.
+        """
+        if not isinstance(target, Circles):
+            raise InputError(f"the detector of circles was given a target of kind {target.kind!r}")
+        seen: list[tuple[int, int]] = []
+        for negative in (target.inverted, not target.inverted):
+            picture = np.asarray(255 - grey, np.uint8) if negative else grey
+            for spots in _searches(picture):
+                for lattice in grow_lattices(spots, with_big=target.bigdot):
+                    placement = place(target, lattice, spots.uv[lattice.spots], (grey.shape[1], grey.shape[0]))
+                    if isinstance(placement, str):
+                        seen += _size(lattice, target)
+                        continue
+                    detection = _measured(picture, target, spots, lattice, placement)
+                    if detection.found:
+                        return _with_notes(detection, target, negative=negative)
+        return _not_found(seen, target)
+
+
+def _searches(grey: Grey) -> Iterator[Spots]:
+    """Spots at one scale after the other, and with windows of several sizes at each."""
+    first = max(1, round(max(grey.shape) / FIRST_LONGEST_PX))
+    for factor in dict.fromkeys((first, 1)):
+        level = np.ascontiguousarray(shrink(grey, factor))
+        for part in WINDOWS:
+            window = max(9, round(part * max(level.shape)))
+            yield find_spots(level, window_px=window).scaled(factor)
+
+
+def _size(lattice: Lattice, target: Circles) -> list[tuple[int, int]]:
+    """Columns and rows of a lattice that is full enough to be called a grid."""
+    if target.asymmetric or len(lattice) < LEAST_LOOK:
+        return []
+    columns, rows = (int(n) + 1 for n in np.ptp(lattice.cells, axis=0))
+    return [(columns, rows)] if len(lattice) >= 0.9 * columns * rows and min(columns, rows) > 2 else []
+
+
+def _measured(grey: Grey, target: Circles, spots: Spots, lattice: Lattice, placement: Placement) -> Detection:
+    order = np.argsort(placement.index)
+    order = order[placement.index[order] >= 0]
+    index, chosen = placement.index[order], lattice.spots[order]
+    rough = Spots(spots.uv[chosen], spots.shape[chosen], spots.area[chosen])
+    ellipses = refine_spots(grey, rough, room=_room(spots, chosen))
+    good = (
+        np.isfinite(ellipses.sigma_px)
+        & (ellipses.contrast > LEAST_CONTRAST)
+        & (ellipses.noise < MOST_MISFIT * ellipses.contrast)
+    )
+    steps = target.steps[index].astype(np.float64)
+    uv = ellipses.uv.copy()
+    while good.sum() >= max(4, LEAST_FIT * len(index)):
+        maps = fit_local_maps(steps, steps[good], ellipses.uv[good], np.full(int(good.sum()), CENTRE_SIGMA_PX))
+        # The maps predict where neighbours' ellipses put this one's centre; both are moved alike.
+        error = np.linalg.norm(maps.centres - ellipses.uv, axis=1) / maps.square_px
+        excess = np.where(maps.determined & good, error / np.maximum(AGREEMENT_STEPS, 1.0 / maps.square_px), 0.0)
+        if excess.max() <= 1.0:
+            uv = ellipses.uv + _to_true_centres(ellipses, maps)
+            return Detection(target.point_ids[index[good]], uv[good], ellipses.sigma_px[good])
+        good &= excess < max(1.0, 0.7 * excess.max())
+    return Detection.nothing("a grid of spots was seen, but they are not round enough, or too blurred, to be dots")
+
+
+def _room(spots: Spots, chosen: NDArray[np.int64]) -> Array:
+    """How far each dot's window may reach, in half axes: halfway to the outline of the nearest spots."""
+    distance, near = cKDTree(spots.uv).query(spots.uv[chosen], k=min(7, len(spots)))
+    offset = spots.uv[near[:, 1:]] - spots.uv[chosen][:, None]
+    away = np.sqrt(np.einsum("nki,nij,nkj->nk", offset, np.linalg.inv(spots.shape[chosen]), offset))
+    other = np.sqrt(spots.area[near[:, 1:]] / spots.area[chosen][:, None])
+    # Specks inside the dot itself are no neighbours.
+    gap = np.where(away > 1.0, 1.0 + 0.5 * (away - 1.0 - other), np.inf)
+    return np.maximum(gap.min(axis=1), 1.2)
+
+
+def _to_true_centres(ellipses: Ellipses, maps: LocalMaps) -> Array:
+    """Offsets (n, 2) px from the ellipses' centres to the pictures of the circles' centres."""
+    J, h = maps.px_per_square, maps.h
+    # Radius squared, steps: the ellipse's area over that of a unit circle's picture.
+    r2 = np.sqrt(np.linalg.det(ellipses.shape)) / np.abs(np.linalg.det(J))
+    g = h[:, 6:8]
+    shift = r2[:, None] * np.einsum("nij,nj->ni", J, g) / (1.0 - r2 * (g**2).sum(axis=1))[:, None]
+    return np.where(maps.determined[:, None], shift, 0.0)
+
+
+def _with_notes(detection: Detection, target: Circles, *, negative: bool) -> Detection:
+    notes = []
+    if negative != target.inverted:
+        colours = "light dots on a dark ground: add :inverted" if negative else "dark dots: leave :inverted out"
+        notes.append(f"The grid has {colours} in the spec to say so.")
+    if target.turns_unnoticed_deg is not None:
+        notes.append(
+            f"A grid of {target.columns}x{target.rows} circles looks the same turned by {target.turns_unnoticed_deg}°: "
+            "circles are numbered with x running right or down in the image. Keep its turn about the viewing direction "
+            "within ±45° of upright in all views, or use one with a big dot, or an asymmetric one of odd rows."
+        )
+    return replace(detection, notes=tuple(notes))
+
+
+def _not_found(seen: list[tuple[int, int]], target: Circles) -> Detection:
+    asked = f"{target.columns}x{target.rows}"
+    if not seen:
+        return Detection.nothing(f"no grid of {asked} circles was found")
+    columns, rows = max(seen, key=lambda s: s[0] * s[1])
+    if (rows > columns) != (target.rows > target.columns):
+        rows, columns = columns, rows
+    if (columns, rows) == (target.columns, target.rows):
+        return Detection.nothing(
+            "a grid of circles was seen, but which dot is which cannot be told: show its origin, or all of its sides"
+        )
+    size = f"{columns}x{rows} circles"
+    return Detection.nothing(f"the image looks like {size}, you asked for {asked}", looks_like=size)

@@ -1,0 +1,84 @@
+"""Round spots in a picture: dark (or light) regions whose shape is that of a filled ellipse, with rough ellipses.
+
+A region of an adaptive threshold is a filled ellipse when its area is what its second moments say: uniform on an
+ellipse of half axes a, b they have determinant (ab)^2 / 16, so 4 pi sqrt(det) = pi a b. Rings, letters, L-shapes and
+frames fail this at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Grey = NDArray[np.uint8]
+
+CONTRAST = 6
+"""Grey levels that a spot differs from the mean around it: twice the noise of a poor camera after smoothing."""
+LEAST_AREA_PX = 12
+"""A spot of 4 pixels across: below that the shape says nothing."""
+LARGEST_PART = 0.02
+"""Of the picture's area: nine spots with the gaps between them would just fit."""
+MOST_SPOTS = 3000
+ROUNDNESS = (0.85, 1.15)
+"""Of 4 pi sqrt(det) over the area: 1 for an ellipse, 1.05 for a rectangle, 1.15 for what whole pixels do to the smallest."""
+FLATTEST = 6.0
+"""Half axes' ratio: a circle tilted by 80 degrees."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spots:
+    """uv (n, 2) px: centres; shape (n, 2, 2) px^2: M with (q - uv)^T M^-1 (q - uv) = 1 on the outline; area (n,) px^2."""
+
+    uv: Array
+    shape: Array
+    area: Array
+
+    def __len__(self) -> int:
+        return len(self.uv)
+
+    def scaled(self, factor: int) -> Spots:
+        """The spots of an image made smaller by `factor`, in the pixels of the full one."""
+        return Spots(factor * (self.uv + 0.5) - 0.5, factor**2 * self.shape, factor**2 * self.area)
+
+
+def find_spots(level: Grey, *, window_px: int) -> Spots:
+    """Dark spots of a grey image (h, w) that are smaller than a window of `window_px`."""
+    smooth = cv2.GaussianBlur(level, (3, 3), 0.8)
+    window = window_px | 1
+    binary = cv2.adaptiveThreshold(smooth, 1, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, window, CONTRAST)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(binary, connectivity=4, ltype=cv2.CV_32S)
+    left, top, width, height, area = stats.T
+    most = min(LARGEST_PART * level.size, float(window_px) ** 2)
+    whole = (left > 0) & (top > 0) & (left + width < level.shape[1]) & (top + height < level.shape[0])
+    # A flat ellipse on the diagonal fills least of its box: pi k / (2 (k^2 + 1)) for a ratio k of its axes.
+    filled = area > 0.5 * np.pi * FLATTEST / (FLATTEST**2 + 1) * width * height
+    keep = whole & filled & (area >= LEAST_AREA_PX) & (area <= most)
+    keep[0] = False
+    if not keep.any():
+        return Spots(np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0))
+    return _round_ones(labels, keep, area)
+
+
+def _round_ones(labels: NDArray[np.int32], keep: NDArray[np.bool_], area: NDArray[np.int32]) -> Spots:
+    number = np.full(len(keep), -1, np.int64)
+    number[keep] = np.arange(keep.sum())
+    at = np.flatnonzero(keep[labels])
+    which = number[labels.ravel()[at]]
+    y, x = np.divmod(at, labels.shape[1])
+    n = int(keep.sum())
+    count = area[keep].astype(np.float64)
+    mean = np.stack([np.bincount(which, x, n), np.bincount(which, y, n)], axis=1) / count[:, None]
+    dx, dy = x - mean[which, 0], y - mean[which, 1]
+    xx, xy, yy = (np.bincount(which, w, n) / count for w in (dx * dx, dx * dy, dy * dy))
+    # A pixel is a square: its own second moment is 1/12.
+    covariance = np.stack([np.stack([xx + 1 / 12, xy], -1), np.stack([xy, yy + 1 / 12], -1)], -2)
+    roundness = 4 * np.pi * np.sqrt(np.maximum(np.linalg.det(covariance), 0.0)) / count
+    small, large = np.linalg.eigvalsh(covariance).T
+    good = (roundness > ROUNDNESS[0]) & (roundness < ROUNDNESS[1]) & (large < FLATTEST**2 * small)
+    if good.sum() > MOST_SPOTS:
+        good &= count >= np.sort(count[good])[-MOST_SPOTS]
+    return Spots(mean[good], 4.0 * covariance[good], count[good])

@@ -1,0 +1,74 @@
+"""The command as a whole: help, exit statuses, values spread over options, and the light start."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from calibrant.cli.application import spread
+
+COMMANDS = ["demo", "target", "detect", "intrinsics", "hand-eye", "report"]
+
+
+def process(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    code = "from calibrant.cli import main; main()"
+    command = [sys.executable, "-c", code, *(str(a) for a in arguments)]
+    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=60)
+
+
+@pytest.mark.parametrize("command", [[], *([c] for c in COMMANDS)])
+def test_help_explains_without_loading_the_heavy_libraries(command: list[str]) -> None:
+    code = (
+        "import sys; from calibrant.cli.application import run\n"
+        f"status = run({[*command, '--help']!r})\n"
+        "heavy = [m for m in ('numpy', 'cv2', 'scipy', 'numba', 'matplotlib') if m in sys.modules]\n"
+        "sys.exit(f'{status} {heavy}' if status or heavy else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "Usage: calibrant" in done.stdout
+    if not command:
+        assert all(f"  {name} " in done.stdout for name in COMMANDS)
+        assert "..." not in done.stdout.split("Commands:")[1]  # no description is cut
+
+
+def test_nothing_at_all_shows_the_help(calibrant) -> None:
+    outcome = calibrant()
+    assert outcome.status == 0
+    assert "Commands:" in outcome.out
+
+
+def test_an_unknown_command_is_unusable_input(calibrant) -> None:
+    outcome = calibrant("calibrate")
+    assert (outcome.status, outcome.out) == (2, "")
+    assert outcome.err == "calibrant: No such command 'calibrate'. See calibrant --help.\n"
+
+
+def test_exit_status_and_streams_of_a_process(tmp_path: Path) -> None:
+    done = process("intrinsics", "none.png", "--target", "chessboard:9x6:25mm", cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "calibrant: image none.png does not exist\n"
+
+
+def test_the_traceback_only_with_debug(tmp_path: Path) -> None:
+    done = process("intrinsics", "none.png", "--target", "chessboard:9x6:25mm", "--debug", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "Traceback" in done.stderr
+    assert done.stderr.endswith("calibrant: image none.png does not exist\n")
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ("hand-eye --images a b --poses p", "hand-eye --images a --images b --poses p"),
+        ("hand-eye -i a b", "hand-eye -i a -i b"),
+        ("intrinsics a b --exclude c d --out o", "intrinsics a b --exclude c --exclude d --out o"),
+        ("intrinsics --fix k3 p1,p2 a.png b/c", "intrinsics --fix k3 --fix p1,p2 a.png b/c"),
+        ("intrinsics --json a b", "intrinsics --json a b"),
+    ],
+)
+def test_values_up_to_the_next_option_belong_to_their_option(given: str, expected: str) -> None:
+    assert spread(given.split()) == expected.split()

@@ -1,0 +1,85 @@
+"""`calibrant detect` and `calibrant report`: points in a file, pictures of them, and results shown again."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from calibrant.data.result_file import read_observations
+
+TARGET = "chessboard:7x6:30mm"
+
+
+def test_points_pictures_and_a_table(calibrant, cell, tmp_path: Path, untouched) -> None:
+    blank = tmp_path / "blank.png"
+    cv2.imwrite(str(blank), np.full((360, 480), 128, np.uint8))
+    out, pictures = tmp_path / "observations.json", tmp_path / "seen"
+    outcome = calibrant("detect", *cell.photos, blank, "--target", TARGET, "--out", out, "--overlays", pictures)
+    assert (outcome.status, outcome.err) == (0, "")
+    assert "found in 8 of 9 photos" in outcome.out
+    assert "42 of 42" in outcome.out
+    (line,) = [line for line in outcome.out.splitlines() if line.startswith("blank.png")]
+    assert "not found: " in line
+    found = read_observations(out)
+    assert [len(v) for v in found.views] == [42] * 8
+    assert [m.id for m in found.missed] == ["blank.png"]
+    assert sorted(os.listdir(pictures)) == [f"{i:02d}.png.png" for i in range(8)]
+    assert cv2.imread(str(pictures / "00.png.png")).shape == (360, 480, 3)
+    untouched()
+
+
+def test_existing_pictures_are_left_alone(calibrant, cell, tmp_path: Path) -> None:
+    (tmp_path / "00.png.png").write_text("mine")
+    out = tmp_path / "observations.json"
+    outcome = calibrant("detect", cell.images, "--target", TARGET, "--overlays", tmp_path, "--out", out)
+    assert outcome.status == 2
+    assert "00.png.png exists already" in outcome.err
+    assert os.listdir(tmp_path) == ["00.png.png"]
+
+
+def test_json_alone_on_standard_output(calibrant, cell) -> None:
+    outcome = calibrant("detect", cell.photos[0], "--target", TARGET, "--json")
+    assert (outcome.status, outcome.err) == (0, "")
+    assert json.loads(outcome.out)["kind"] == "observations"
+
+
+def test_nothing_found_is_said_and_nothing_written(calibrant, cell, tmp_path: Path) -> None:
+    outcome = calibrant(
+        "detect", cell.images, "--target", "chessboard:5x4:30mm",
+        "--out", tmp_path / "o.json", "--overlays", tmp_path / "seen",
+    )  # fmt: skip
+    assert (outcome.status, outcome.out) == (2, "")
+    assert "0 of 8 boards found; the images look like 7x6 inner corners" in outcome.err
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_result_is_shown_again(calibrant, found: Path, tmp_path: Path) -> None:
+    camera = tmp_path / "camera.json"
+    first = calibrant("intrinsics", "--observations", found, "--out", camera)
+    second = calibrant("report", camera, "--out", tmp_path / "camera.html")
+    assert second.status == 0
+    assert first.out.split("Written")[0] == second.out.split("Written")[0]
+    assert "<html" in (tmp_path / "camera.html").read_text().lower()
+    assert calibrant("report", found, "-q").status == 0
+
+
+@pytest.mark.parametrize(("content", "words"), [("{}", "format"), ("no json", "not JSON"), (None, "cannot read")])
+def test_what_is_no_result(calibrant, tmp_path: Path, content: str | None, words: str) -> None:
+    path = tmp_path / "result.json"
+    if content is not None:
+        path.write_text(content)
+    outcome = calibrant("report", path, "--out", tmp_path / "page.html")
+    assert (outcome.status, outcome.out) == (2, "")
+    assert words in outcome.err
+    assert not (tmp_path / "page.html").exists()
+
+
+def test_points_of_another_board_are_not_mixed_up(calibrant, found: Path) -> None:
+    outcome = calibrant("intrinsics", "--observations", found, "--target", "chessboard:7x6:25mm")
+    assert outcome.status == 2
+    assert "points of chessboard:7x6:30mm, --target says chessboard:7x6:25mm" in outcome.err

@@ -48,6 +48,27 @@ def hand_eye(
     pose_direction: Annotated[
         str, typer.Option("--pose-direction", metavar="NAME", help="auto, base-gripper or gripper-base.")
     ] = "auto",
+    workspace: Annotated[
+        str | None,
+        typer.Option(
+            "--workspace", metavar="VOLUME", show_default=False,
+            help="Say the accuracy in this volume of the base: 300mm:700mm,-200mm:200mm,0mm:100mm (x, y, z).",
+        ),
+    ] = None,
+    tolerance: Annotated[
+        str | None,
+        typer.Option(
+            "--tolerance", metavar="LENGTH", show_default=False,
+            help="Fail unless 95 % of the errors in the workspace stay below this, e.g. 1mm.",
+        ),
+    ] = None,
+    target_sigma: Annotated[
+        str | None,
+        typer.Option(
+            "--target-sigma", metavar="PERCENT", show_default=False,
+            help="How well the board's size is known (1 sigma), for the workspace; 0.05% unless given.",
+        ),
+    ] = None,
     model: o.Model = "brown",
     fix: o.Fix = None,
     mirror_x: o.MirrorX = False,
@@ -89,6 +110,9 @@ def hand_eye(
         exclude=o.split_names(exclude),
         workers=workers,
         quiet=quiet or json,
+        workspace=workspace,
+        tolerance=tolerance,
+        target_sigma=target_sigma,
     )
     outputs.spare(hand_eye_run.named_files(request))
     with session.explain_refusal(outputs):

@@ -39,6 +39,7 @@ from calibrant.report.words import (
     verdict_sentence,
     view_rows,
 )
+from calibrant.report.workspace import workspace_block
 
 _PACKAGE = "calibrant.report"
 _MARKS = {"ok": "✓", "warn": "!", "fail": "✕", "refused": "✕"}
@@ -96,6 +97,7 @@ def render_report(result: CalibrationResult, *, images: Mapping[str, Path]) -> s
         checks=sorted_checks(result),
         cameras=[_camera_block(name, camera) for name, camera in result.cameras.items()],
         transforms=[_transform_block(t) for t in result.transforms],
+        workspace=workspace_block(result),
         methods=method_rows(result),
         rows=view_rows(result),
         coverage=[_coverage_block(c, _remarks(result, c)) for c in camera_coverage(result)],

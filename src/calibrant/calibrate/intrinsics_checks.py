@@ -17,6 +17,8 @@ FEW_VIEWS = 10
 """Below this the residuals say little about whether the model fits: the poses absorb too much of them."""
 FOCAL_WARN, FOCAL_FAIL = 0.01, 0.10
 """Relative 1 sigma of the focal length: distances are off by as much. 1 % is 10 mm at 1 m; 10 % is no calibration."""
+SUSPICIOUS_RMS_PX = 1.0
+"""Detectors locate points to a few tenths of a pixel even in poor photos; more is a wrong model or a wrong target."""
 OUTLIER_WARN = 0.02
 VIEW_WARN_RATIO = 3.0
 """A view whose rms is 3 times the typical one lies beyond the spread of chi for 10 points and more."""
@@ -51,6 +53,7 @@ def intrinsics_checks(
         _convergence(solution),
         _views(views),
         _focal_length(camera),
+        _reprojection(camera, rms_px),
         _outliers(views, marked),
         _agreement(views),
     )
@@ -86,6 +89,17 @@ def _focal_length(camera: Camera) -> Check:
     return Check("focal-length", "ok", text, relative)
 
 
+def _reprojection(camera: Camera, rms_px: float) -> Check:
+    text = f"the points are {rms_px:.2g} px rms from where the camera sees them"
+    if rms_px > SUSPICIOUS_RMS_PX:
+        message = (
+            f"{text}, more than a detector's noise: the {camera.model.name} model does not describe this lens, or the "
+            "target is not flat or not the one given"
+        )
+        return Check("reprojection", "warn", message, rms_px)
+    return Check("reprojection", "ok", text, rms_px)
+
+
 def _outliers(views: Sequence[ViewResult], marked: Marked) -> Check:
     points = sum(v.points + v.points_left_out for v in views)
     lost = sum(v.points_left_out for v in views) + sum(v.points for v in views if not v.used)
@@ -95,7 +109,7 @@ def _outliers(views: Sequence[ViewResult], marked: Marked) -> Check:
     text = f"{lost} of {points} points left out (limit {marked.limit_px:.2g} px)"
     if share > OUTLIER_WARN:
         return Check(
-            "outliers", "warn", f"{text}; look at the views named below: blur, glare or a misread board", share
+            "outliers", "warn", f"{text}; look at the views that lost points: blur, glare or a misread board", share
         )
     return Check("outliers", "ok", text, share)
 

@@ -21,6 +21,7 @@ from calibrant.data import View
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
 from calibrant.optimize.levenberg_marquardt import solve
+from calibrant.optimize.losses import Loss
 from calibrant.optimize.manifolds import SE3, Variable, vector
 from calibrant.optimize.problem import Problem
 
@@ -43,9 +44,11 @@ class TargetPoses:
     doubles_rms_px: Array
 
 
-def target_poses(camera: Camera, views: Sequence[View]) -> TargetPoses:
+def target_poses(camera: Camera, views: Sequence[View], *, loss: Loss | None = None, sigma: float = 1.0) -> TargetPoses:
     """Pose of the target in every view by least squares on the reprojection error, camera held.
 
+    loss: squared by default; a robust one needs sigma, the noise per axis in pixels (for weights that differ, of the
+    typical point).
     Raises: InputError for a view whose points do not determine a pose, naming it.
     """
     stacked = stack(views)
@@ -63,11 +66,11 @@ def target_poses(camera: Camera, views: Sequence[View]) -> TargetPoses:
     if not good.all():
         view = views[int(np.flatnonzero(~good)[0])]
         raise InputError(f"view {view.id!r}: its {len(view)} points determine no pose (fewer than 4, or on a line)")
-    first, first_covariance, first_rms = _refine(camera, stacked, T_plane @ planar.T_plane_target)
+    first, first_covariance, first_rms = _refine(camera, stacked, T_plane @ planar.T_plane_target, loss, sigma)
     mirrored = _mirrored(first @ se3.inverse(planar.T_plane_target), planar.xy, stacked)
     behind = planar_start.behind(mirrored, stacked, planar.xy)
     mirrored[behind] = (first @ se3.inverse(planar.T_plane_target))[behind]
-    second, second_covariance, second_rms = _refine(camera, stacked, mirrored @ planar.T_plane_target)
+    second, second_covariance, second_rms = _refine(camera, stacked, mirrored @ planar.T_plane_target, loss, sigma)
     swap = second_rms < first_rms
     pick = swap[:, None, None]
     return TargetPoses(
@@ -79,8 +82,10 @@ def target_poses(camera: Camera, views: Sequence[View]) -> TargetPoses:
     )
 
 
-def _refine(camera: Camera, views: StackedViews, start: Array) -> tuple[Array, Array, Array]:
-    """Poses, covariances at unit noise and rms of independent views."""
+def _refine(
+    camera: Camera, views: StackedViews, start: Array, loss: Loss | None, sigma: float
+) -> tuple[Array, Array, Array]:
+    """Poses, covariances for noise `sigma` and rms of independent views."""
     m = len(start)
     factor = ReprojectionFactor(
         "reprojection",
@@ -88,9 +93,10 @@ def _refine(camera: Camera, views: StackedViews, start: Array) -> tuple[Array, A
         camera="camera",
         chain=[Link("T_camera_target", np.arange(m))],
         views=views,
+        loss=loss,
     )
     held = vector("camera", camera.values, camera.model.parameter_names, held=camera.model.parameter_names)
-    problem = Problem((Variable("T_camera_target", SE3(), start), held), (factor,))
+    problem = Problem((Variable("T_camera_target", SE3(), start), held), (factor,), {"pixel": sigma})
     solution = solve(problem)
     squares = np.sum(solution.residuals("reprojection") ** 2, axis=1)
     rms = np.sqrt(np.add.reduceat(squares, views.offsets[:-1]) / np.diff(views.offsets))

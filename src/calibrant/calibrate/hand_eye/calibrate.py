@@ -284,7 +284,7 @@ def _result(
         questions.sigma_check(np.asarray(transforms[0].sigma_translation_mm), setup.camera_parent),
         questions.convergence_check(solution, joint.noise.settled, joint.noise.rounds),
     )
-    views, rms_px = _view_results(setup, joint)
+    views, rms_px = _view_results(setup, joint, observations)
     levels = joint.noise.levels
     result = CalibrationResult(
         kind="hand-eye",
@@ -345,7 +345,9 @@ def _robot_noise(joint: Joint) -> SigmaRobot | None:
     )
 
 
-def _view_results(setup: Setup, joint: Joint) -> tuple[tuple[ViewResult, ...], float | None]:
+def _view_results(
+    setup: Setup, joint: Joint, observations: Observations | None
+) -> tuple[tuple[ViewResult, ...], float | None]:
     """Every pose with its figures: reprojection of the joint fit for images, nothing but its use for pose pairs."""
     data = joint.data
     if joint.views is None:
@@ -359,6 +361,7 @@ def _view_results(setup: Setup, joint: Joint) -> tuple[tuple[ViewResult, ...], f
     factor = solution.problem.factors[0]
     T = factor.T_camera_target(*solution.problem.gather(0, solution.values))  # type: ignore[attr-defined]
     place = {i: k for k, i in enumerate(np.flatnonzero(data.use).tolist())}
+    total = {v.id: len(v) for v in observations.views} if observations is not None else {}
     out = []
     for i, (name, view, reason) in enumerate(zip(data.ids, data.views or (), data.reasons)):
         k = place.get(i)
@@ -366,8 +369,9 @@ def _view_results(setup: Setup, joint: Joint) -> tuple[tuple[ViewResult, ...], f
             out.append(ViewResult(name, False, len(view), None, reason, view.camera, 0, data.B[i]))
             continue
         n = len(joint.views[k])
-        lost = len(view) - n
-        words = reason or (points_reason(lost, len(view), float(np.sqrt(squares.max()))) if lost else None)
+        seen = total.get(view.id, len(view))
+        lost = seen - n
+        words = reason or (points_reason(lost, seen, float(np.sqrt(squares.max()))) if lost else None)
         rms = float(np.sqrt(squares[offsets[k] : offsets[k + 1]].mean()))
         out.append(ViewResult(name, True, n, rms, words, view.camera, lost, T[k]))
     return (*out, *data.left_out), float(np.sqrt(squares.mean()))

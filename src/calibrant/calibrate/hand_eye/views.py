@@ -8,13 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.outliers import mark
 from calibrant.calibrate.target_poses import target_poses
-from calibrant.calibrate.weights import completed
 from calibrant.cameras import Camera
 from calibrant.data import Observations, RobotPoses, View, ViewResult
 from calibrant.errors import InputError
-from calibrant.geometry import se3
 
 Array = NDArray[np.float64]
 
@@ -131,23 +128,6 @@ def unsharp_views(views: Sequence[View]) -> dict[str, str]:
         for name, sigma in stated.items()
         if sigma > WEAK_FLAG * typical
     }
-
-
-def weighed(views: tuple[View, ...], camera: Camera) -> tuple[View, ...]:
-    """The views with their detector's sigma completed by the excess noise, each fitted by the camera as it is.
-
-    As they are when no view states a sigma. Views with too few points for a pose keep theirs.
-    """
-    fitted = [v for v in views if len(v) >= MINIMUM_POINTS]
-    if not fitted or all(v.sigma_px is None for v in fitted):
-        return views
-    T = target_poses(camera, fitted).T_camera_target
-    residuals = [camera.project(se3.apply(pose, v.points)) - v.uv for v, pose in zip(fitted, T)]
-    squares = np.sum(np.concatenate(residuals) ** 2, axis=1)
-    offsets = np.concatenate([[0], np.cumsum([len(v) for v in fitted])])
-    keep = mark(np.sqrt(squares), offsets).keep
-    done = dict(zip([v.id for v in fitted], completed(fitted, squares, keep=keep, unknowns=6 * len(fitted))))
-    return tuple(done.get(v.id, v) for v in views)
 
 
 def from_observations(

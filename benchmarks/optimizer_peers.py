@@ -78,9 +78,9 @@ def multiview(scene: Any) -> Callable[[], dict[str, float]]:
     models = np.zeros(cameras, np.uint8)
 
     def run() -> dict[str, float]:
-        out = cv2.calibrateMultiview(points, pixels, sizes, mask, models)
-        Ts = [np.asarray(t).ravel() for t in out[4]]
-        baseline = float(np.linalg.norm(Ts[1] - Ts[0])) if len(Ts) > 1 else 0.0
+        out = cv2.calibrateMultiview(points, pixels, sizes, mask, models, None, None, None, None)
+        # Rs and Ts lead from the first camera's frame to every other: T_1 is the first camera seen from the second.
+        baseline = float(np.linalg.norm(np.asarray(out[4][1])))
         return {"rms_px": float(out[0]), "baseline_m": baseline}
 
     return run

@@ -155,9 +155,8 @@ def write_rig(folder: Path, cameras: int = 4, frames: int = 60) -> Path:
 
     rng = np.random.default_rng(0)
     camera, points = standard_camera(), grid(11, 8, 0.03)
-    T_camera_rig = np.stack(
-        [se3.make(so3.exp([0, 0.12 * (c - 1.5), 0]), [-0.12 * (c - 1.5), 0, 0]) for c in range(cameras)]
-    )
+    turns = [so3.exp([0, 0.12 * (c - 1.5), 0]) for c in range(cameras)]
+    T_camera_rig = np.stack([se3.make(R, -R @ [0.12 * (c - 1.5), 0, 0]) for c, R in enumerate(turns)])
     kept: list[np.ndarray] = []
     while len(kept) < frames:
         for T in look_at_board(camera, points, 50, rng=rng, distance=(0.7, 1.2), tilt_deg=40):
@@ -233,9 +232,8 @@ def rig(folder: Path, pythons: dict[str, tuple[Path, str]]) -> None:
     scene = write_rig(folder)
     own = ask_ourselves("rig", scene, 5)
     error = 1e3 * abs(own["baseline_m"] - 0.12)
-    print(
-        f"\nrig, 4 cameras x 60 frames: calibrant {median(own):.4f} s, {own['rms_px']:.4f} px, baseline off by {error:.2f} mm"
-    )
+    print(f"\nrig, 4 cameras x 60 frames: calibrant {median(own):.4f} s, {own['rms_px']:.4f} px, ", end="")
+    print(f"baseline off by {error:.2f} mm")
     if "OpenCV 5.0" in pythons:
         row = ask(pythons["OpenCV 5.0"][0], "multiview", scene, 1)
         if row is not None:
@@ -255,9 +253,8 @@ def first_call(folder: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", imports + "print(time.perf_counter() - t)"], capture_output=True, text=True, check=True
     )
-    print(
-        f"\nfirst call in a fresh process, warm cache, 20 views: {own['first']:.2f} s; imports before: {float(done.stdout):.2f} s"
-    )
+    print(f"\nfirst call in a fresh process, warm cache, 20 views: {own['first']:.2f} s; ", end="")
+    print(f"imports before: {float(done.stdout):.2f} s")
 
 
 def main() -> None:

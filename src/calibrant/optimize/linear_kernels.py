@@ -83,6 +83,44 @@ def solve_definite(S, s, diagonal, tolerance, x):  # type: ignore[no-untyped-def
     return True
 
 
+@njit(types.float64(_f2, _f2), cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
+def invert_definite(S, inverse):  # type: ignore[no-untyped-def]
+    """inverse = S^-1 by Cholesky. Returns the smallest pivot; `inverse` is not filled when that is not above 0."""
+    n = S.shape[0]
+    L = np.zeros((n, n))
+    smallest = np.inf
+    for j in range(n):
+        pivot = S[j, j]
+        for k in range(j):
+            pivot -= L[j, k] * L[j, k]
+        smallest = min(smallest, pivot)
+        if not pivot > 0.0:
+            return pivot
+        L[j, j] = np.sqrt(pivot)
+        for i in range(j + 1, n):
+            total = S[i, j]
+            for k in range(j):
+                total -= L[i, k] * L[j, k]
+            L[i, j] = total / L[j, j]
+    # Row j of M holds column j of L^-1, so that every inner product below runs over contiguous memory.
+    M = np.zeros((n, n))
+    for j in range(n):
+        M[j, j] = 1.0 / L[j, j]
+        for i in range(j + 1, n):
+            total = 0.0
+            for k in range(j, i):
+                total -= L[i, k] * M[j, k]
+            M[j, i] = total / L[i, i]
+    for i in range(n):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(i, n):
+                total += M[i, k] * M[j, k]
+            inverse[i, j] = total
+            inverse[j, i] = total
+    return smallest
+
+
 @njit(types.void(_f3, _f3, _f2, _f1, _f2), cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
 def substitute(L, Y, z, shared, d):  # type: ignore[no-untyped-def]
     """d = -L^-T (z + Y shared): the components' steps once the shared step is known."""

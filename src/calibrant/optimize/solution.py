@@ -25,6 +25,10 @@ WEAK_EIGENVALUE = 1e-12
 """Eigenvalues of the scaled shared matrix below this are rounding: its entries carry errors of a few 1e-16 times the
 number of sums, and four digits of margin are left."""
 
+CLEAR_PIVOT = 1e-8
+"""Cholesky pivots of the scaled matrix overestimate its smallest eigenvalue, by little in practice: above this, four
+digits over `WEAK_EIGENVALUE`, nothing is weak and the eigenvalues need not be computed."""
+
 
 @dataclass(frozen=True, eq=False)
 class Covariance:
@@ -96,12 +100,18 @@ class Solution:
     @cached_property
     def _shared_spectrum(self) -> tuple[Array, Array, Array]:
         """Scale, inverse of the scaled shared matrix, and its unit null vectors (s, n_null), scaled."""
+        from calibrant.optimize import linear_kernels
+
         S, _ = linear.reduce_shared(self.equations, self._parts, 0.0)
         diagonal = np.diag(self.equations.S) if len(S) else np.zeros(0)
         scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
         if not len(S):
             return scale, S, S
-        values, vectors = np.linalg.eigh(S * scale[:, None] * scale)
+        scaled = S * scale[:, None] * scale
+        inverse = np.empty_like(scaled)
+        if linear_kernels.invert_definite(scaled, inverse) > CLEAR_PIVOT:
+            return scale, inverse, np.zeros((len(S), 0))
+        values, vectors = np.linalg.eigh(scaled)
         null = values < WEAK_EIGENVALUE
         inverse = (vectors[:, ~null] / values[~null]) @ vectors[:, ~null].T
         return scale, inverse, vectors[:, null]

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import typer
 
-from calibrant.cli import demo, detect, doctor, hand_eye, intrinsics, report, target
+from calibrant.cli import demo, detect, doctor, hand_eye, intrinsics, kinematics, report, target
 from calibrant.errors import CalibrantError
 
 app = typer.Typer(
@@ -28,9 +28,13 @@ app.command("detect", short_help="Find a board in photos.")(detect.detect)
 app.command("intrinsics", short_help="Calibrate a camera from photos of a board.")(intrinsics.intrinsics)
 app.command("hand-eye", short_help="Find where the camera is, on a robot or beside it.")(hand_eye.hand_eye)
 app.command("doctor", short_help="Find what is wrong with hand-eye data, and repair it.")(doctor.doctor)
+app.command("kinematics", short_help="Identify and correct a robot's geometry.")(kinematics.kinematics)
 app.command("report", short_help="Show a result file, or make its HTML report.")(report.report)
 
-MANY_VALUES = ("--images", "-i", "--poses", "--target-poses", "--exclude", "--fix")
+MANY_VALUES = (
+    *("--images", "-i", "--poses", "--target-poses", "--exclude", "--fix"),
+    *("--measurements", "-m", "--identify", "--hold"),
+)
 """Options that take every value up to the next option, so that a shell's pattern (--images photos/*.png) works."""
 
 

@@ -61,6 +61,29 @@ Workers = Annotated[
     int | None, typer.Option("--workers", metavar="N", help="Processes that detect.", min=1, show_default=False)
 ]
 
+Robot = Annotated[
+    str | None,
+    typer.Option(
+        "--robot", metavar="FILE", help="URDF, DH table (YAML), or a name such as ur5e.", show_default=False
+    ),
+]
+RobotLink = Annotated[
+    str | None,
+    typer.Option("--robot-link", metavar="NAME", help="URDF: the link that ends the chain.", show_default=False),
+]
+RobotBase = Annotated[
+    str | None,
+    typer.Option("--robot-base", metavar="NAME", help="URDF: the link that starts the chain.", show_default=False),
+]
+JointAngle = Annotated[str, typer.Option("--joint-angle", metavar="UNIT", help="auto (by the limits), deg or rad.")]
+RobotFormat = Annotated[
+    str | None,
+    typer.Option(
+        "--robot-format", metavar="MAKER", show_default=False,
+        help="How poses are written: ur, franka, kuka, fanuc, abb, yaskawa, staubli, kawasaki.",
+    ),
+]  # fmt: skip
+
 
 def split_names(values: Sequence[str] | None) -> tuple[str, ...]:
     """Names given as separate values or separated by commas."""

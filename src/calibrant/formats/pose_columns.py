@@ -86,7 +86,7 @@ def layout_of(header: Sequence[str]) -> Layout:
     names: dict[str, int] = {}
     unknown: list[int] = []
     for i, column in enumerate(header):
-        key, unit = _name_and_unit(column)
+        key, unit = name_and_unit(column)
         role = _role(key)
         if key in _NAME_COLUMNS:
             names.setdefault(key, i)
@@ -109,13 +109,29 @@ def layout_of(header: Sequence[str]) -> Layout:
     return Layout(name, translation, rotation, stated, passed_over)
 
 
+def position_columns(header: Sequence[str]) -> tuple[tuple[int, ...], str | None]:
+    """Columns of a position that stands alone, and its unit. Raises: InputError when there is none."""
+    roles = {_role(name_and_unit(column)[0]): i for i, column in enumerate(header)}
+    missing = [axis for axis in "xyz" if f"t{axis}" not in roles]
+    if missing:
+        raise InputError(f"no column for the position's {', '.join(missing)}; {_expected(header)}")
+    columns = tuple(roles[f"t{axis}"] for axis in "xyz")
+    return columns, _one_unit(header, columns, {i: name_and_unit(header[i])[1] for i in columns}, tuple(LENGTH_UNITS))
+
+
+def has_rotation(header: Sequence[str]) -> bool:
+    """True when some column can only belong to a rotation: then the pose must be complete."""
+    return any(re.match(r"[qrevm]|roll|pitch|yaw", _role(name_and_unit(c)[0]) or "") for c in header)
+
+
 def is_header(cells: Sequence[str]) -> bool:
     """True when the names of a line suffice for a position, or for the elements of a matrix."""
-    roles = {_role(_name_and_unit(cell)[0]) for cell in cells}
+    roles = {_role(name_and_unit(cell)[0]) for cell in cells}
     return {"tx", "ty", "tz"} <= roles or {"m12", "m23"} <= roles
 
 
-def _name_and_unit(column: str) -> tuple[str, str]:
+def name_and_unit(column: str) -> tuple[str, str]:
+    """A column's name in small letters and digits, and the unit it states ("" for none)."""
     text = column.strip().strip("\"'")
     match = _IN_BRACKETS.match(text) or _AS_SUFFIX.match(text)
     name, unit = (match["name"], match["unit"].lower()) if match else (text, "")

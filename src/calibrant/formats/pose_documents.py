@@ -22,6 +22,7 @@ _PAIR_KEYS = (
     ("tbasegripper", "tcameratarget"),
 )
 # OpenCV's gripper2base names the map from gripper to base coordinates, T_base_gripper.
+_JOINTS_KEY = re.compile(r"joint|^q$|^configuration$")
 _GRIPPER = r"(?:gripper|flange|tool|tcp|wrist|ee|eef|hand|effector)"
 _STATES_BASE_GRIPPER = re.compile(f"^(?:t|h|pose)?(?:base{_GRIPPER}|{_GRIPPER}2base)$")
 _STATES_GRIPPER_BASE = re.compile(f"^(?:t|h|pose)?(?:{_GRIPPER}base|base2{_GRIPPER})$")
@@ -182,6 +183,10 @@ def _field(key: str, value: Any, where: str, read_reference: Callable[[str], Pos
         flat = [cell for row in value for cell in (row if isinstance(row, list) else [row])]
         if any(isinstance(cell, Mapping | list | str) and not _numeric(cell) for cell in flat):
             return {}, NOTHING_STATED
+        if _JOINTS_KEY.search(short) and not (short == "q" and len(flat) == 4):
+            # Under a key of their own, so that they are never taken for a pose.
+            stem = key if "joint" in short else "joint"
+            return {f"{stem}_{i}": cell for i, cell in enumerate(flat, start=1)}, NOTHING_STATED
         rotation = bool(_ROTATION_KEY.search(short)) and not re.search("pos|trans", short)
         if len(flat) == 3 and not rotation:
             return {f"t{axis}": cell for axis, cell in zip("xyz", flat)}, direction

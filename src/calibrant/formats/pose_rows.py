@@ -51,12 +51,7 @@ def raw_poses(table: PoseTable) -> RawPoses:
         layout = layout_of(table.header)
     except InputError as error:
         raise InputError(f"{table.source}: {error}") from error
-    numbers = np.array(
-        [
-            [_number(row[i], table.header[i], where) for i in (*layout.translation, *layout.rotation)]
-            for row, where in zip(table.rows, table.places)
-        ]
-    )
+    numbers = numbers_of(table, (*layout.translation, *layout.rotation))
     names = table.names
     if names is None and layout.name is not None:
         names = tuple(str(row[layout.name] if row[layout.name] is not None else "").strip() for row in table.rows)
@@ -75,6 +70,16 @@ def raw_poses(table: PoseTable) -> RawPoses:
     if layout.passed_over:
         notes = (*notes, f"columns not used: {', '.join(layout.passed_over)}")
     return RawPoses(numbers[:, :3], rotation, names, table.places, stated, source=table.source, notes=notes)
+
+
+def numbers_of(table: PoseTable, columns: Sequence[int]) -> Array:
+    """The numbers in some columns (rows, columns). Raises: InputError naming the place of what is none."""
+    return np.array(
+        [
+            [_number(row[i], table.header[i], where) for i in columns]
+            for row, where in zip(table.rows, table.places, strict=True)
+        ]
+    )
 
 
 def plain_header(count: int) -> tuple[tuple[str, ...], Stated] | None:

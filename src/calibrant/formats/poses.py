@@ -16,8 +16,10 @@ from typing import Any
 import numpy as np
 
 from calibrant.errors import InputError
+from calibrant.formats.joint_columns import find_joints, poses_from_joints
 from calibrant.formats.natural_order import natural_key
 from calibrant.formats.opencv_storage import read_json, read_xml, read_yaml
+from calibrant.formats.pose_columns import is_header
 from calibrant.formats.pose_documents import read_document
 from calibrant.formats.pose_readings import PoseReading as PoseReading
 from calibrant.formats.pose_readings import excluded as excluded
@@ -26,6 +28,8 @@ from calibrant.formats.pose_readings import readings as readings
 from calibrant.formats.pose_rows import PoseTable, raw_poses
 from calibrant.formats.pose_text import read_text_table
 from calibrant.formats.raw_poses import RawPoses as RawPoses
+from calibrant.formats.robot_formats import RobotFormat, controller_text, in_format, merged, robot_format
+from calibrant.robots.chain import KinematicChain
 
 Parsed = tuple[PoseTable, PoseTable | None]
 
@@ -37,6 +41,9 @@ def read_poses(
     rotation: str = "auto",
     angle: str = "auto",
     direction: str = "auto",
+    robot: KinematicChain | None = None,
+    joint_angle: str = "auto",
+    maker: str | None = None,
 ) -> RawPoses:
     """Raw poses from one file, or one file a pose: a list of paths, a folder, or a pattern such as poses/*.yaml.
 
@@ -44,16 +51,32 @@ def read_poses(
     go with the result to `readings`: units m, mm; rotation quat-xyzw, quat-wxyz, rotvec, euler:ZYX (any of the 24
     orders), matrix; angle deg, rad; direction base-gripper (T_base_gripper), gripper-base; each auto by default.
 
+    With a `robot` the files hold joint values (columns q1, q2 … or the joints' names), and its forward kinematics gives
+    the poses; joint_angle deg, rad, or auto: by the limits. `maker` (ur, kuka …; robot_formats) sets the options that
+    are left at auto and reads the controller's own text.
+
     Raises: InputError naming file and line (or entry) for whatever is not a pose, and for unknown options.
     """
     asked = options(units=units, rotation=rotation, angle=angle, direction=direction)
-    files = _files(paths)
-    if len(files) == 1:
-        table, target = _parse(files[0])
-    else:
-        table, target = _joined(files), None
-    raw = replace(raw_poses(table), options=asked)
+    fmt = None if maker is None else robot_format(maker)
+    table, target = read_table(paths, fmt)
+    if robot is not None:
+        raw = poses_from_joints(table, robot, angle=joint_angle)
+        return raw if target is None else replace(raw, target=raw_poses(target))
+    if find_joints(table.header) is not None and not is_header(table.header):
+        raise InputError(
+            f"{table.source}: joint values without poses; say which robot they are of (--robot FILE, a URDF or DH "
+            "table), and its forward kinematics gives the poses"
+        )
+    raw = replace(raw_poses(table), options=asked if fmt is None else options(**vars(merged(asked, fmt))))
     return raw if target is None else replace(raw, target=raw_poses(target))
+
+
+def read_table(paths: str | Path | Iterable[str | Path], fmt: RobotFormat | None = None) -> Parsed:
+    """The table of one file, or of one file a pose, and that of target poses where it holds pairs."""
+    files = _files(paths)
+    table, target = _parse(files[0], fmt) if len(files) == 1 else (_joined(files, fmt), None)
+    return (table if fmt is None else in_format(table, fmt)), target
 
 
 def _files(paths: str | Path | Iterable[str | Path]) -> list[Path]:
@@ -80,11 +103,11 @@ def _files(paths: str | Path | Iterable[str | Path]) -> list[Path]:
     return sorted(dict.fromkeys(files), key=lambda p: natural_key(str(p)))
 
 
-def _joined(files: list[Path]) -> PoseTable:
+def _joined(files: list[Path], fmt: RobotFormat | None) -> PoseTable:
     """One table from files of one pose each, named by their stems."""
     tables = []
     for path in files:
-        table, target = _parse(path)
+        table, target = _parse(path, fmt)
         if len(table.rows) != 1 or target is not None:
             raise InputError(
                 f"{path}: {len(table.rows)} poses; where several files are given, each holds one pose; "
@@ -107,10 +130,13 @@ def _joined(files: list[Path]) -> PoseTable:
     )
 
 
-def _parse(path: Path) -> Parsed:
+def _parse(path: Path, fmt: RobotFormat | None = None) -> Parsed:
     text = _decoded(path)
     if not text.strip():
         raise InputError(f"{path}: no poses: the file is empty")
+    native = None if fmt is None else controller_text(text, str(path), fmt)
+    if native is not None:
+        return native, None
     reader = READERS.get(path.suffix.lower(), _read_unknown)
     return reader(text, path)
 

@@ -235,7 +235,7 @@ def test_what_cannot_be_calibrated_is_refused(shared_data: Callable[[str], Path]
     with pytest.raises(InputError, match="cannot identify 'wear'"):
         calibrate_kinematics(measurements, simulated.nominal, identify=("wear",))
     real = positioner(shared_data("kinematic_rct_positioner"))
-    with pytest.raises(RefusedError, match="given in degrees, say so: --pose-angle deg"):
+    with pytest.raises(RefusedError, match="given in degrees, say so: --joint-angle deg"):
         calibrate_kinematics(replace(real, joints=np.rad2deg(real.joints)))
 
 

@@ -31,8 +31,8 @@ from calibrant.data.joint_measurements import JointMeasurements
 from calibrant.errors import InputError, RefusedError
 from calibrant.optimize.levenberg_marquardt import solve
 from calibrant.optimize.noise import NoiseLevel, estimate_noise
-from calibrant.robots.chain import KinematicChain
 from calibrant.robots.geometry import ParametricChain
+from calibrant.robots.limits import check_limits
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -41,9 +41,6 @@ WEAKEST = {"m": 0.010, "rad": np.deg2rad(1.0), "1": 0.02, "rad/Nm": 1e-4, "m/N":
 """Largest sigma of a robot parameter worth fitting. Arms are machined to tenths of millimetres and hundredths of
 degrees, so what is known to 10 mm or 1 degree only is known better from the drawing; a gear is never wrong by 2 %, a
 joint of an industrial arm never softer than 1e-4 rad/Nm (5e-7 to 1e-5 are published)."""
-
-LIMIT_SLACK = 1e-3
-"""Radians or metres by which a reading may pass a limit: controllers stop a little beyond."""
 
 OUTLIER_PROBABILITY = 1e-3
 """Chance of setting anything aside when all measurements are good."""
@@ -122,7 +119,7 @@ def calibrate_kinematics(
         terms = joint_terms(measurements.joints.shape[1], sorted(groups))
         start = nominal = RobotModel(free_chain(measurements), np.eye(4), np.eye(4), terms, gravity=gravity)
     else:
-        check_joints(chain, measurements)
+        check_limits(chain, measurements.joints, measurements.ids)
         terms = joint_terms(len(chain.joints), identify)
         base, tool = base_and_tool(chain, measurements, hold_base="base" in hold, hold_tool="tool" in hold)
         start = RobotModel(chain, base, tool, terms, gravity=gravity)
@@ -157,23 +154,6 @@ def calibrate_kinematics(
         free_model=chain is None,
         base_free="base" not in hold,
         tool_free="tool" not in hold,
-    )
-
-
-def check_joints(chain: KinematicChain, measurements: JointMeasurements) -> None:
-    """Raises: InputError for a wrong number of joints, or naming the measurement and the joint beyond its limits."""
-    q = chain.check(measurements.joints)
-    beyond = (q < chain.lower - LIMIT_SLACK) | (q > chain.upper + LIMIT_SLACK)
-    if not beyond.any():
-        return
-    i, k = (int(v) for v in np.argwhere(beyond)[0])
-    joint = chain.joints[k]
-    unit, factor = ("deg", 180 / np.pi) if joint.kind == "revolute" else ("mm", 1e3)
-    count = int(beyond.any(axis=1).sum())
-    raise InputError(
-        f"{measurements.ids[i]}: joint {joint.name} is at {q[i, k] * factor:.6g} {unit}, beyond its limits "
-        f"{joint.lower * factor:.6g} to {joint.upper * factor:.6g} {unit} ({count} of {len(q)} measurements); check "
-        "the unit (--pose-angle deg) and the order of the joints, or the limits in the robot's file"
     )
 
 

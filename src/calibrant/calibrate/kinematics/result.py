@@ -162,7 +162,8 @@ def _held_out(calibration: KinematicCalibration) -> Check:
         text = f"on measurements kept out the error is {words} rms, more than the nominal robot's; take more poses"
         return Check("held-out", "fail", text, held.rms_mm)
     if held.rms_mm > HELD_OUT_FACTOR * after.rms_mm:
-        text = f"{words} rms on measurements kept out, {held.rms_mm / after.rms_mm:.1f} times the fit's error; take more poses"
+        times = held.rms_mm / after.rms_mm
+        text = f"{words} rms on measurements kept out, {times:.1f} times the fit's error; take more poses"
         return Check("held-out", "warn", text, held.rms_mm)
     return Check("held-out", "ok", f"{words} rms on measurements kept out of the fit (five parts in turn)", held.rms_mm)
 

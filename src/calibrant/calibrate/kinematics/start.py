@@ -107,8 +107,8 @@ def _screw(T: Array, q: Array, k: int, name: str, before: Array) -> Array:
     alone = single & (np.abs(d[:, k]) < _LARGEST_TURN)
     if single.any() and not alone.any():
         raise RefusedError(
-            f"joint {name} moves alone by {np.abs(d[single, k]).min():.3g} and more, never by less than half a turn; if "
-            "the joints are given in degrees, say so: --pose-angle deg"
+            f"joint {name} moves alone by {np.abs(d[single, k]).min():.3g} and more, never by less than half a turn; "
+            "if the joints are given in degrees, say so: --joint-angle deg"
         )
     if not alone.any():
         raise RefusedError(
@@ -124,7 +124,7 @@ def _screw(T: Array, q: Array, k: int, name: str, before: Array) -> Array:
     if not slides and not 0.8 < rate < 1.25:
         degrees = abs(rate * 180 / np.pi - 1) < 0.25
         cure = (
-            "; if it is given in degrees, say so: --pose-angle deg"
+            "; if it is given in degrees, say so: --joint-angle deg"
             if degrees
             else "; check its unit (radians) and gear"
         )

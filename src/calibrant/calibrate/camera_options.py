@@ -22,7 +22,7 @@ def expand_fix(fix: Sequence[str], model: CameraModel) -> tuple[tuple[str, ...],
 
     Raises: InputError for a name that is neither a parameter of the model nor a group.
     """
-    held: list[str] = []
+    held: list[str] = list(model.gauge)
     aspect = False
     for name in fix:
         if name == ASPECT:
@@ -34,7 +34,7 @@ def expand_fix(fix: Sequence[str], model: CameraModel) -> tuple[tuple[str, ...],
         else:
             groups = [g for g, members in GROUPS.items() if all(p in model.parameter_names for p in members)]
             raise InputError(
-                f"cannot fix {name!r}: the {model.name} model has {', '.join(model.parameter_names)}; "
+                f"cannot fix {name!r}: the {model.name} model has {model.listed}; "
                 f"groups are {', '.join([*groups, ASPECT])}"
             )
     return tuple(dict.fromkeys(held)), aspect

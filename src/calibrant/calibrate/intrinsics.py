@@ -16,18 +16,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate import planar_start
+from calibrant.calibrate import camera_start, planar_start
 from calibrant.calibrate.camera_options import camera_manifold, expand_fix
 from calibrant.calibrate.chain import Link
 from calibrant.calibrate.intrinsics_checks import intrinsics_checks, require_conditions
+from calibrant.calibrate.model_checks import model_check, refuse_wide_lens
+from calibrant.calibrate.model_priors import model_priors
 from calibrant.calibrate.outliers import Marked, mark, points_reason, view_reason
 from calibrant.calibrate.planar_start import PlaneViews
 from calibrant.calibrate.provenance import refuse_if_failed, stamp
 from calibrant.calibrate.reprojection import ReprojectionFactor, StackedViews, stack
 from calibrant.calibrate.weights import reweighted
-from calibrant.cameras import Camera, CameraModel, camera_model
+from calibrant.cameras import Camera, CameraModel
 from calibrant.data import CalibrationResult, Observations, View, ViewResult, verdict_of
-from calibrant.errors import InputError, RefusedError
+from calibrant.errors import CalibrantError, InputError, RefusedError
 from calibrant.optimize.levenberg_marquardt import solve
 from calibrant.optimize.losses import Loss, cauchy, squared
 from calibrant.optimize.manifolds import SE3, Variable
@@ -38,8 +40,6 @@ Array = NDArray[np.float64]
 
 CAUCHY_SCALE_SIGMAS = 2.385
 """95 % efficiency on Gaussian noise (Zhang 1997, "Parameter estimation techniques", table 1)."""
-SUSPICIOUS_RMS_PX = 2.0
-"""Detectors locate points to well under 1 px; a fit above this is at a wrong optimum or has a wrong model."""
 FOCAL_LENGTH_GRID = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 8.0)
 """Focal lengths to try, in image widths, when the views do not show theirs: 90 to 7 degrees of view."""
 MINIMUM_POINTS = 4
@@ -55,10 +55,11 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class Kept:
-    """A calibrated camera and the views it rests on, without the points that were left out."""
+    """A calibrated camera, the fit behind it, and the views it rests on, without the points that were left out."""
 
     result: CalibrationResult
     views: tuple[View, ...]
+    solution: Solution
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +99,7 @@ def calibrate_keeping(
     max_error_px: float | None = None,
 ) -> Kept:
     """`calibrate_intrinsics` for problems that go on with the same views: the result, and the points it kept."""
-    kind = camera_model(model)
+    kind = camera_start.model_for(model, observations)
     expand_fix(fix, kind)
     if len(observations.image_sizes) != 1:
         raise InputError(
@@ -118,11 +119,16 @@ def calibrate_keeping(
         found = f"{len(observations.missed)} images without a board" if observations.missed else "no views were given"
         raise InputError(f"there is no view with {MINIMUM_POINTS} points or more to calibrate from ({found})")
     require_conditions(len(views), kind, fix)
-    start = find_start(stacked, seen, kind, image_size, initial=initial, fix=fix)
-    fit, marked = _fit_and_clean(views, stacked, start, kind, fix, max_error_px)
+    try:
+        start = find_start(stacked, seen, kind, image_size, initial=initial, fix=fix)
+        fit, marked = _fit_and_clean(views, stacked, start, kind, fix, max_error_px)
+    except CalibrantError:
+        refuse_wide_lens(kind, stacked, image_size)
+        raise
     return Kept(
         _result(observations, camera_name, image_size, kind, fix, fit, marked, too_small, max_error_px, initial),
         fit.views,
+        fit.solution,
     )
 
 
@@ -149,18 +155,26 @@ def find_start(
     initial: Camera | None,
     fix: Sequence[str],
 ) -> Start:
-    """Closed-form start: from `initial` when given, else Zhang's, else the best of a grid of focal lengths."""
+    """Closed-form start: from `initial` when given, else by how the model's rays lie.
+
+    Perspective: Zhang's, else the best of a grid of focal lengths. All around or parallel: see `camera_start`.
+    """
     if initial is not None:
-        parameters = _transfer(initial, kind)
-        normalised = _normalised(kind, parameters, views.uv)
-        T, _ = planar_start.start_poses(seen.xy, normalised, views.offsets)
+        parameters = camera_start.transferred(initial, kind, views.uv)
+        T, _ = camera_start.poses_of_rays(seen.xy, _rays(kind, parameters, views.uv), views.offsets)
         return Start(parameters, T @ seen.T_plane_target)
-    held, _ = expand_fix(fix, kind)
-    if {"fx", "fy"} & set(held):
+    held = set(expand_fix(fix, kind)[0]) - set(kind.gauge)
+    if {"fx", "fy"} & held:
         raise InputError("to fix the focal length, give its value: --initial camera.json (initial=… in Python)")
+    if kind.projection != "perspective":
+        parameters, T = camera_start.start_parameters(kind, seen.xy, views.uv, views.offsets, image_size)
+        return Start(parameters, T @ seen.T_plane_target)
     centre = (np.array(image_size, dtype=np.float64) - 1) / 2
     focal = planar_start.focal_lengths(seen.H, centre)
     if focal is not None:
+        if expand_fix(fix, kind)[1]:
+            # The ratio that is held is that of the start: square pixels, unless `initial` says otherwise.
+            focal = (float(np.sqrt(focal[0] * focal[1])),) * 2
         return _start_at(kind, seen, focal, centre)
     return _best_of_grid(views, seen, kind, image_size, centre, fix)
 
@@ -194,22 +208,16 @@ def _start_at(kind: CameraModel, seen: PlaneViews, focal: tuple[float, float], c
     return Start(parameters, planar_start.poses(seen.H, K) @ seen.T_plane_target)
 
 
-def _transfer(initial: Camera, kind: CameraModel) -> Array:
-    values = initial.parameters
-    return np.array([values.get(name, 0.0) for name in kind.parameter_names])
-
-
-def _normalised(kind: CameraModel, parameters: Array, uv: Array) -> Array:
+def _rays(kind: CameraModel, parameters: Array, uv: Array) -> Array:
     rays = kind.unproject(parameters, uv)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        xy = rays[:, :2] / rays[:, 2:]
-    if not np.all(np.isfinite(xy)):
-        bad = uv[~np.isfinite(xy).all(axis=1)][0]
+    lost = ~np.isfinite(rays).all(axis=1)
+    if lost.any():
+        bad = uv[lost][0]
         raise InputError(
             f"the initial camera has no ray for the observed pixel ({bad[0]:.1f}, {bad[1]:.1f}); "
             "its distortion does not reach that far: is it a camera of this image size?"
         )
-    return xy
+    return rays
 
 
 def refine(
@@ -235,7 +243,8 @@ def refine(
         Variable("T_camera_target", SE3(), start.T_camera_target),
         Variable("camera", camera_manifold(kind, fix, start.parameters), start.parameters[None]),
     )
-    return solve(Problem(variables, (factor,), {"pixel": sigma}))
+    priors = model_priors(kind, camera="camera", poses="T_camera_target", T_camera_target=start.T_camera_target)
+    return solve(Problem(variables, (factor, *priors), {"pixel": sigma}))
 
 
 def _end(solution: Solution, keep: NDArray[np.bool_] | None = None) -> Start:
@@ -329,7 +338,10 @@ def _result(
     camera = Camera(kind, image_size, solution.value("camera")[0], covariance)
     rms_px = float(np.sqrt(squares.mean()))
     view_results = _view_results(observations.views, fit, marked, too_small, squares)
-    checks = intrinsics_checks(camera, solution, view_results, rms_px, marked)
+    checks = (
+        *intrinsics_checks(camera, solution, view_results, rms_px, marked),
+        *model_check(camera, fit.stacked, rms_px),
+    )
     result = stamp(
         CalibrationResult(
             kind="intrinsics",

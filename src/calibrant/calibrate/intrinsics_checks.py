@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibrant.calibrate.camera_options import ASPECT, GROUPS, expand_fix
 from calibrant.calibrate.outliers import Marked
@@ -75,8 +76,7 @@ def _views(views: Sequence[ViewResult]) -> Check:
 
 
 def _focal_length(camera: Camera) -> Check:
-    sigma, values = camera.sigma, camera.parameters
-    relative = max(sigma[n] / values[n] for n in ("fx", "fy"))
+    relative = _focal_uncertainty(camera)
     text = f"the focal length is known to {100 * relative:.2g} % (1 sigma)"
     if relative > FOCAL_FAIL:
         return Check(
@@ -98,6 +98,23 @@ def _reprojection(camera: Camera, rms_px: float) -> Check:
         )
         return Check("reprojection", "warn", message, rms_px)
     return Check("reprojection", "ok", text, rms_px)
+
+
+def _focal_uncertainty(camera: Camera) -> float:
+    """Relative 1 sigma of the focal length at the axis, f = du / d(x/z), larger one of both image axes.
+
+    It is fx itself for perspective models. Others share it between fx and their terms, which may trade against each
+    other freely: sigma^2 = g^T C g with g = df / d parameters by central differences.
+    """
+    if camera.model.projection == "perspective" or camera.covariance is None:
+        return max(camera.sigma[n] / camera.parameters[n] for n in ("fx", "fy"))
+    axis, steps = [0.0, 0.0, 1.0], 1e-6 * np.maximum(1.0, np.abs(camera.values))
+
+    def focal(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.diagonal(camera.model.project_with_jacobians(values, axis)[1][:, :2])
+
+    g = np.stack([focal(camera.values + e) - focal(camera.values - e) for e in np.diag(steps)], axis=1) / (2 * steps)
+    return float(np.max(np.sqrt(np.einsum("ik,kl,il->i", g, camera.covariance, g)) / focal(camera.values)))
 
 
 def _outliers(views: Sequence[ViewResult], marked: Marked) -> Check:

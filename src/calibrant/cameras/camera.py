@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibrant.cameras.model import Array, CameraModel
+from calibrant.cameras.model import REQUIRED, Array, CameraModel
 from calibrant.cameras.registry import camera_model
 from calibrant.errors import InputError
 
@@ -56,18 +56,17 @@ class Camera:
         image_size: tuple[int, int],
         covariance: ArrayLike | None = None,
     ) -> Camera:
-        """Camera from a model's name and named parameters; terms that are left out are 0.
+        """Camera from a model's name and named parameters; terms that are left out are neutral: 0, mostly.
 
         Raises: InputError for unknown names, a missing focal length or principal point, values that are not finite.
         """
         kind = camera_model(model)
         for name in parameters:
             kind.index(name)
-        required = [n for n, unit in zip(kind.parameter_names, kind.parameter_units) if unit == "px"]
-        missing = [n for n in required if n not in parameters]
+        missing = [n for n in REQUIRED if n not in parameters]
         if missing:
-            raise InputError(f"a {model} camera needs {', '.join(required)}; missing: {', '.join(missing)}")
-        values = np.array([float(parameters.get(n, 0.0)) for n in kind.parameter_names])
+            raise InputError(f"a {model} camera needs {', '.join(REQUIRED)}; missing: {', '.join(missing)}")
+        values = np.array([float(parameters.get(n, kind.neutral.get(n, 0.0))) for n in kind.parameter_names])
         cov = None if covariance is None else np.asarray(covariance, dtype=np.float64)
         return cls(kind, image_size, values, cov)
 

@@ -9,7 +9,7 @@ Both directions are closed forms. Source: Usenko, Demmel and Cremers 2018, "The 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +25,7 @@ class DoubleSphere(Radial):
     name: str = "double_sphere"
     parameter_names: tuple[str, ...] = ("fx", "fy", "cx", "cy", "xi", "alpha")
     parameter_units: tuple[str, ...] = ("px",) * 4 + ("1",) * 2
+    start_terms: ClassVar[dict[str, float]] = {"alpha": 0.5}
     summary: str = "fisheyes beyond 180 degrees: two terms, closed form both ways"
 
     def shape(self, terms: Array, R2: Array, z: Array) -> Shape:

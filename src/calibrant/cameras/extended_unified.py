@@ -24,6 +24,7 @@ class ExtendedUnified(Radial):
     parameter_names: tuple[str, ...] = ("fx", "fy", "cx", "cy", "alpha", "beta")
     parameter_units: tuple[str, ...] = ("px",) * 4 + ("1",) * 2
     neutral: ClassVar[dict[str, float]] = {"beta": 1.0}
+    start_terms: ClassVar[dict[str, float]] = {"alpha": 0.5}
     summary: str = "fisheyes with few points: two terms, closed form both ways"
 
     def shape(self, terms: Array, R2: Array, z: Array) -> Shape:

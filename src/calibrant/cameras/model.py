@@ -7,7 +7,7 @@ z forward, metres. Pixel (0, 0) is the centre of the top-left pixel.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,7 @@ Mask = NDArray[np.bool_]
 COMPILED_PIXELS = 20_000
 """Pixels from which the compiled inverse pays: loading it costs more than NumPy needs for fewer."""
 REQUIRED = ("fx", "fy", "cx", "cy")
+Projection = Literal["perspective", "central", "parallel"]
 
 
 class CameraModel(ABC):
@@ -31,6 +32,12 @@ class CameraModel(ABC):
     """Unit of each parameter, "px", "rad", "px/m" or "1", in the order of `parameter_names`."""
     neutral: ClassVar[dict[str, float]] = {}
     """Values of the terms that are left out, where that is not 0."""
+    start_terms: ClassVar[dict[str, float]] = {}
+    """Values that a fit starts from, where those left out differ: a shape that sees as much as the model can."""
+    projection: Projection = "perspective"
+    """How its rays lie: through one point and ahead, through one point and all around, or side by side."""
+    gauge: tuple[str, ...] = ()
+    """Parameters that no data can tell from the others and the poses: a calibration holds them at their start."""
     summary: str = ""
     """When to use it, in a few words."""
 
@@ -107,17 +114,25 @@ class CameraModel(ABC):
         return p
 
     def starting_values(self, focal: float, centre: Array) -> Array:
-        """Parameters of a lens without distortion, of this model: `focal` in pixels per radian at the axis."""
-        values = [self.neutral.get(name, 0.0) for name in self.parameter_names]
-        for name, value in (("fx", focal), ("fy", focal), ("cx", centre[0]), ("cy", centre[1])):
-            values[self.index(name)] = float(value)
-        return np.array(values)
+        """Parameters (k,) of a plain lens of this model: `focal` in pixels per radian at the axis, or per metre."""
+        terms = {**self.neutral, **self.start_terms}
+        values = np.array([terms.get(name, 0.0) for name in self.parameter_names])
+        for name, value in (("fx", 1.0), ("fy", 1.0), ("cx", centre[0]), ("cy", centre[1])):
+            values[self.index(name)] = value
+        _, J_point, _ = self.project_with_jacobians(values, [0.0, 0.0, 1.0])
+        values[[self.index("fx"), self.index("fy")]] = focal / J_point[0, 0]
+        return values
+
+    @property
+    def listed(self) -> str:
+        """Names of the parameters for a message."""
+        names = self.parameter_names
+        return ", ".join(names) if len(names) <= 24 else f"{', '.join(names[:8])} … {names[-1]}"
 
     def index(self, parameter: str) -> int:
         """Position of a parameter in the vector. Raises: InputError with the valid names."""
         if parameter not in self.parameter_names:
-            names = ", ".join(self.parameter_names[:24]) + (" …" if len(self.parameter_names) > 24 else "")
-            raise InputError(f"the {self.name} model has no parameter {parameter!r}; it has {names}")
+            raise InputError(f"the {self.name} model has no parameter {parameter!r}; it has {self.listed}")
         return self.parameter_names.index(parameter)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibrant.cameras.model import Array, CameraModel
+from calibrant.cameras.model import Array, CameraModel, Projection
 
 
 class Orthographic(CameraModel):
@@ -20,6 +20,8 @@ class Orthographic(CameraModel):
     name: str = "orthographic"
     parameter_names: tuple[str, ...] = ("fx", "fy", "cx", "cy")
     parameter_units: tuple[str, ...] = ("px/m", "px/m", "px", "px")
+    projection: Projection = "parallel"
+    gauge: tuple[str, ...] = ("cx", "cy")
     summary: str = "telecentric lenses"
 
     def project(self, parameters: ArrayLike, p_camera: ArrayLike) -> Array:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibrant.cameras.model import Array, CameraModel, Mask
+from calibrant.cameras.model import Array, CameraModel, Mask, Projection
 
 
 class Shape(NamedTuple):
@@ -29,6 +29,8 @@ class Shape(NamedTuple):
 
 class Radial(CameraModel):
     """A model whose parameters are fx fy cx cy and the terms of `shape`."""
+
+    projection: Projection = "central"
 
     @abstractmethod
     def shape(self, terms: Array, R2: Array, z: Array) -> Shape:

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibrant.cameras.model import Array, CameraModel, Mask
+from calibrant.cameras.model import Array, CameraModel, Mask, Projection
 from calibrant.cameras.plane_distortion import Plane, solve_plane
 from calibrant.cameras.radial import ray
 from calibrant.errors import InputError
@@ -33,7 +33,9 @@ _PER_CELL = 4
 class Splined(CameraModel):
     """One grid of control points; build it with `splined`."""
 
-    summary = "any smooth lens, given many points everywhere: lowest error, most parameters"
+    projection: Projection = "central"
+    gauge: tuple[str, ...] = ("fx", "fy", "cx", "cy")
+    summary: str = "any smooth lens, given many points everywhere: lowest error, most parameters"
 
     def __init__(self, columns: int, rows: int, fov_deg: float) -> None:
         self.columns, self.rows_count, self.fov_deg = columns, rows, fov_deg
@@ -114,6 +116,13 @@ class Splined(CameraModel):
     def _reach(self) -> tuple[float, float]:
         """Largest |q_x| and |q_y| on the grid."""
         return self.spacing * (self.columns - 3) / 2, self.spacing * (self.rows_count - 3) / 2
+
+    def centre_weights(self) -> tuple[Array, Array, Array]:
+        """Weights (nodes,) of the control points at q = 0, and the weights' slopes along x and y."""
+        index, *weights = self._cells(np.zeros(()), np.zeros(()))
+        out = np.zeros((3, self.nodes))
+        out[:, index] = weights
+        return out[0], out[1], out[2]
 
     def _on_grid(self, x: Array, y: Array) -> Mask:
         reach_x, reach_y = self._reach()

@@ -9,13 +9,13 @@ omnidirectional camera calibration from planar grids".
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from calibrant.cameras import plane_distortion
-from calibrant.cameras.model import Array, CameraModel, Mask
+from calibrant.cameras.model import Array, CameraModel, Mask, Projection
 from calibrant.cameras.radial import ray
 
 
@@ -25,6 +25,8 @@ class Unified(CameraModel):
     name: str = "unified"
     parameter_names: tuple[str, ...] = ("fx", "fy", "cx", "cy", "skew", "xi", "k1", "k2", "p1", "p2")
     parameter_units: tuple[str, ...] = ("px",) * 5 + ("1",) * 5
+    start_terms: ClassVar[dict[str, float]] = {"xi": 1.0}
+    projection: Projection = "central"
     summary: str = "fisheyes and mirrors, with decentering (OpenCV's omnidir)"
 
     def project(self, parameters: ArrayLike, p_camera: ArrayLike) -> Array:

@@ -14,7 +14,7 @@ from calibrant.calibrate.hand_eye.joint import PIXEL, ROBOT_ROTATION, ROBOT_TRAN
 from calibrant.calibrate.hand_eye.setup import get_setup
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult
-from calibrant.diagnose.error_budget import ErrorBudget, error_budget
+from calibrant.diagnose.error_budget import error_budget
 from calibrant.diagnose.workspace import (
     asked_workspace,
     point_jacobian,
@@ -98,7 +98,7 @@ def test_jacobian_of_a_seen_point_against_differences(eye_to_hand: CalibrationRe
     assert budget.camera is not None
     camera, p = budget.camera, np.array([[0.1, -0.05, 0.9]])
     T_base_parent = se3.exp([0.2, -0.4, 0.3, 0.1, 0.2, 0.3])
-    J = point_jacobian(budget, p, T_base_parent)[0]
+    J = point_jacobian(budget.X, camera, p, T_base_parent)[0]
     uv = camera.project(p)
 
     def point(delta: Array) -> Array:
@@ -135,15 +135,11 @@ def test_errors_are_as_large_as_predicted() -> None:
         ray = found.unproject(uv)
         error = se3.apply(X, ray / ray[2] * depth) - point
         joint = fit.joint_covariance([("T_base_camera", 0), ("T_gripper_target", 0), ("camera", 0)])
-        budget = replace(BUDGET_OF_NOTHING, X=X, camera=found)
-        J = point_jacobian(budget, ray / ray[2] * depth, np.eye(4))
+        J = point_jacobian(X, found, ray / ray[2] * depth, np.eye(4))
         normalised.append(error @ np.linalg.solve(J @ joint @ J.T, error))
     # 3 degrees of freedom each: the sum is chi-square with 120; a 1 in 1000 two-sided bound.
     low, high = chi2.ppf([0.0005, 0.9995], 3 * len(normalised))
     assert low < np.sum(normalised) < high
-
-
-BUDGET_OF_NOTHING = ErrorBudget(get_setup("eye-to-hand"), np.eye(4), np.eye(4), None, None, {})
 
 
 def test_map_and_numbers_agree(eye_to_hand: CalibrationResult) -> None:

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
+from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Check, verdict_of
 from calibrant.diagnose.error_budget import TARGET_SIGMA, ErrorBudget, error_budget, used_views
 from calibrant.diagnose.workspace_volume import STEPS, Volume, check_request, parse_fraction, parse_volume
@@ -146,20 +147,21 @@ def radius_mm(C: Array, confidence: float = CONFIDENCE) -> Array:
     return 1e3 * np.sqrt(second / np.maximum(first, np.finfo(float).tiny) * 2 * gammaincinv(freedom / 2, confidence))
 
 
-def point_jacobian(budget: ErrorBudget, p_camera: Array, T_base_parent: Array) -> Array:
+def point_jacobian(X: Array, camera: Camera | None, p_camera: Array, T_base_parent: Array) -> Array:
     """d p_base / d (X, Z, camera), (..., 3, 12 + k), of points p_camera (..., 3) seen at a known distance.
 
-    T_base_parent (..., 4, 4): where the camera's parent is, the identity for eye-to-hand.
+    X (4, 4): T_parent_camera; camera: None for pose pairs, k is 0 then; T_base_parent (..., 4, 4): where the camera's
+    parent is, the identity for eye-to-hand.
     """
     p = np.asarray(p_camera)
-    k = 0 if budget.camera is None else len(budget.camera.values)
+    k = 0 if camera is None else len(camera.values)
     J = np.zeros((*np.broadcast_shapes(p.shape[:-1], T_base_parent.shape[:-2]), 3, 12 + k))
-    R_parent, R = T_base_parent[..., :3, :3], budget.X[:3, :3]
+    R_parent, R = T_base_parent[..., :3, :3], X[:3, :3]
     J[..., :3] = -R_parent @ so3.hat(p @ R.T)
     J[..., 3:6] = R_parent
-    if budget.camera is not None:
+    if camera is not None:
         flat = p.reshape(-1, 3)
-        _, J_point, J_camera = budget.camera.model.project_with_jacobians(budget.camera.values, flat)
+        _, J_point, J_camera = camera.model.project_with_jacobians(camera.values, flat)
         moved = -np.linalg.solve(J_point[:, :, :2], J_camera).reshape(*p.shape[:-1], 2, k)
         J[..., 12:] = (R_parent @ R)[..., :, :2] @ moved
     return J
@@ -245,7 +247,7 @@ def _seen(result: CalibrationResult, budget: ErrorBudget, points: Array) -> tupl
         # Behind the camera there is no pixel to speak of: such points are taken on its axis, and told as unseen.
         p = np.where(p[:, 2:] > 0, p, [0.0, 0.0, 1.0])
         usable = np.where(seen[:, None], p, _on_axis(p))
-        return budget.propagate(point_jacobian(budget, usable, np.eye(4))), seen
+        return budget.propagate(point_jacobian(budget.X, budget.camera, usable, np.eye(4))), seen
     robot, brought = _calibration_looks(result, budget)
     T_base_camera = robot @ budget.X
     p = se3.apply(se3.inverse(T_base_camera)[:, None], points)
@@ -254,7 +256,7 @@ def _seen(result: CalibrationResult, budget: ErrorBudget, points: Array) -> tupl
     # Where no pose of the calibration has the point, every pose looks at it as it looked at the board's middle.
     weight = np.where(anywhere, seen, True)
     p = np.where(seen[..., None], p, brought[:, None])
-    J = point_jacobian(budget, p, robot[:, None])
+    J = point_jacobian(budget.X, budget.camera, p, robot[:, None])
     share = weight / weight.sum(axis=0)
     return {name: np.einsum("nm,nmij->mij", share, C) for name, C in budget.propagate(J).items()}, anywhere
 

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from calibrant.cli import options as o
+from calibrant.cli.robot_choice import RobotChoice
 
 
 def doctor(
@@ -48,6 +49,11 @@ def doctor(
     pose_direction: Annotated[
         str, typer.Option("--pose-direction", metavar="NAME", help="auto, base-gripper or gripper-base.")
     ] = "auto",
+    robot_format: o.RobotFormat = None,
+    robot: o.Robot = None,
+    robot_link: o.RobotLink = None,
+    robot_base: o.RobotBase = None,
+    joint_angle: o.JointAngle = "auto",
     apply: Annotated[
         bool,
         typer.Option("--apply", help="Repair the data in memory and calibrate: --out, --repaired-poses are new files."),
@@ -100,6 +106,7 @@ def doctor(
         exclude=o.split_names(exclude),
         workers=workers,
         quiet=quiet or json,
+        arm=RobotChoice(robot, robot_link, robot_base, joint_angle, robot_format),
     )
     inputs = hand_eye_data.named_files(request)
     outputs.spare(inputs)

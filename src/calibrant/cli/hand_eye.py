@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from calibrant.cli import options as o
+from calibrant.cli.robot_choice import RobotChoice
 
 
 def hand_eye(
@@ -48,6 +49,11 @@ def hand_eye(
     pose_direction: Annotated[
         str, typer.Option("--pose-direction", metavar="NAME", help="auto, base-gripper or gripper-base.")
     ] = "auto",
+    robot_format: o.RobotFormat = None,
+    robot: o.Robot = None,
+    robot_link: o.RobotLink = None,
+    robot_base: o.RobotBase = None,
+    joint_angle: o.JointAngle = "auto",
     workspace: Annotated[
         str | None,
         typer.Option(
@@ -110,6 +116,7 @@ def hand_eye(
         exclude=o.split_names(exclude),
         workers=workers,
         quiet=quiet or json,
+        arm=RobotChoice(robot, robot_link, robot_base, joint_angle, robot_format),
         workspace=workspace,
         tolerance=tolerance,
         target_sigma=target_sigma,

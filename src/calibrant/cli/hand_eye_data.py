@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.cli import session
+from calibrant.cli.robot_choice import RobotChoice
 from calibrant.cli.sources import Source, kept
 from calibrant.errors import InputError, RefusedError
 
@@ -44,6 +45,7 @@ class Request:
     exclude: tuple[str, ...] = ()
     workers: int | None = None
     quiet: bool = False
+    arm: RobotChoice = field(default_factory=RobotChoice)
 
     @property
     def source(self) -> Source:
@@ -71,7 +73,7 @@ class PairedData:
 
 def named_files(request: Request) -> list[str]:
     """The files and folders named by the request, with what patterns of photos stand for."""
-    named = [*request.poses, *request.target_poses, *request.images]
+    named = [*request.poses, *request.target_poses, *request.images, *request.arm.files]
     named += [str(p) for p in (request.camera, request.observations) if p is not None]
     return [*named, *(str(f) for f in (request.source.files() if request.images else []))]
 
@@ -88,6 +90,9 @@ def read(request: Request) -> PairedData:
         rotation=request.rotation,
         angle=request.angle,
         direction=request.direction,
+        robot=request.arm.chain(),
+        joint_angle=request.arm.joint_angle,
+        maker=request.arm.maker,
     )
     if request.images or request.observations is not None:
         return _with_images(request, raw)

@@ -64,9 +64,10 @@ Workers = Annotated[
 Robot = Annotated[
     str | None,
     typer.Option(
-        "--robot", metavar="FILE", help="URDF, DH table (YAML), or a name such as ur5e.", show_default=False
+        "--robot", metavar="FILE", show_default=False,
+        help="The robot, where joint values are given: URDF, DH table (YAML), or a name such as ur5e.",
     ),
-]
+]  # fmt: skip
 RobotLink = Annotated[
     str | None,
     typer.Option("--robot-link", metavar="NAME", help="URDF: the link that ends the chain.", show_default=False),

@@ -224,8 +224,9 @@ def test_a_static_camera_and_a_charuco_board_by_one_command(
     calibrant, shared_data: Callable[[str], Path], tmp_path: Path
 ) -> None:
     folder = shared_data("handeye_rct_charuco_static")
+    images, poses = sorted((folder / "images").iterdir()), sorted((folder / "poses").iterdir())
     outcome = calibrant(
-        "hand-eye", "--images", *sorted((folder / "images").iterdir()), "--poses", *sorted((folder / "poses").iterdir()),
+        "hand-eye", "--images", *images, "--poses", *poses,
         "--target", "charuco:5x7:36.195mm:18.256mm:DICT_6X6_250", "--json",
     )  # fmt: skip
     assert outcome.status == 0, outcome.err

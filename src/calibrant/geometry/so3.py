@@ -78,9 +78,21 @@ def quaternion_wxyz(R: ArrayLike) -> Array:
 def log(R: ArrayLike) -> Array:
     """Rotation vector of a rotation matrix, angle in [0, pi].
 
-    Args: R (..., 3, 3). Returns (..., 3), radians. Goes through the quaternion, which is accurate at 0 and at pi alike.
+    Args: R (..., 3, 3). Returns (..., 3), radians. Up to 120 degrees from the odd part sin(t) n; beyond through the
+    quaternion, which is accurate at pi too, in three times the time.
     """
-    q = quaternion_wxyz(R)
+    m = np.asarray(R, dtype=np.float64)
+    cosine = 0.5 * (m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2] - 1)
+    if np.all(cosine > -0.5):
+        odd = np.empty(m.shape[:-1])
+        odd[..., 0] = m[..., 2, 1] - m[..., 1, 2]
+        odd[..., 1] = m[..., 0, 2] - m[..., 2, 0]
+        odd[..., 2] = m[..., 1, 0] - m[..., 0, 1]
+        odd *= 0.5
+        sine = np.sqrt(np.sum(odd * odd, axis=-1))
+        tiny = sine < 1e-10
+        return odd * np.where(tiny, 1.0, np.arctan2(sine, cosine) / np.where(tiny, 1.0, sine))[..., None]
+    q = quaternion_wxyz(m)
     w, v = q[..., 0], q[..., 1:]
     n = np.linalg.norm(v, axis=-1)
     small = n < 1e-10

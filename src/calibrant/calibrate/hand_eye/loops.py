@@ -7,6 +7,7 @@ is, seen through the robot and the camera.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -66,19 +67,31 @@ def loop_consistency(A: ArrayLike, B: ArrayLike, X: ArrayLike) -> LoopConsistenc
 
     The centre minimises the sum of distances, not of their squares (geometric median, L1 mean of rotations).
     """
-    pairs = PosePairs(np.asarray(A), np.asarray(B))
+    return consistency_of(PosePairs(np.asarray(A), np.asarray(B)), X)
+
+
+def consistency_of(pairs: PosePairs, X: ArrayLike) -> LoopConsistency:
+    """`loop_consistency` of pairs that are checked already."""
     Z_i = _loops(pairs, X)
     Z = _median_transform(Z_i)
     view_mm, view_deg = _distances(Z_i, Z)
     median_mm, median_deg = float(np.median(view_mm)), float(np.median(view_deg))
-    # The size of the motion by the same measure: how far the robot's own poses lie from their centre. Where the robot
-    # turns on the spot the target still sweeps past the camera, so the larger of both motions counts.
+    size_mm, size_deg = _motion_size(pairs)
+    score = max(_ratio(median_mm, size_mm), _ratio(median_deg, size_deg))
+    return LoopConsistency(median_mm, median_deg, view_mm, view_deg, Z, score)
+
+
+@lru_cache(maxsize=4)
+def _motion_size(pairs: PosePairs) -> tuple[float, float]:
+    """Millimetres and degrees: how far the poses lie from their centre, by the same measure as the loop.
+
+    Where the robot turns on the spot the target still sweeps past the camera, so the larger of both motions counts.
+    Asked for every method on the same pairs.
+    """
     spread_a = _distances(pairs.A, _median_transform(pairs.A))
     spread_b = _distances(pairs.B, _median_transform(pairs.B))
     size_mm = max(float(np.median(spread_a[0])), float(np.median(spread_b[0])))
-    size_deg = max(float(np.median(spread_a[1])), float(np.median(spread_b[1])))
-    score = max(_ratio(median_mm, size_mm), _ratio(median_deg, size_deg))
-    return LoopConsistency(median_mm, median_deg, view_mm, view_deg, Z, score)
+    return size_mm, max(float(np.median(spread_a[1])), float(np.median(spread_b[1])))
 
 
 def _loops(pairs: PosePairs, X: ArrayLike) -> Array:
@@ -106,11 +119,18 @@ def _median_transform(T: Array) -> Array:
     closeness = np.arccos(np.clip((flat @ flat.T - 1) / 2, -1, 1)).sum(axis=0)
     first = int(np.argmin(closeness))
     centre, t = R[first], np.median(T[:, :3, 3], axis=0)
-    for _ in range(30):  # linear convergence; 30 rounds are far below the noise that a median is asked about
-        omega = so3.log(R @ centre.T)
-        centre = so3.exp(_weiszfeld_step(omega)) @ centre
-        t = t + _weiszfeld_step(T[:, :3, 3] - t)
+    for _ in range(30):  # linear convergence
+        omega, delta = so3.log(R @ centre.T), T[:, :3, 3] - t
+        turn, move = _weiszfeld_step(omega), _weiszfeld_step(delta)
+        centre, t = so3.exp(turn) @ centre, t + move
+        if _settled(turn, omega) and _settled(move, delta):
+            break
     return se3.make(centre, t)
+
+
+def _settled(step: Array, deltas: Array) -> bool:
+    """A step of a thousandth of the typical distance: a median of n distances is uncertain by far more."""
+    return float(np.linalg.norm(step)) <= 1e-3 * float(np.median(np.linalg.norm(deltas, axis=1)))
 
 
 def _weiszfeld_step(delta: Array) -> Array:

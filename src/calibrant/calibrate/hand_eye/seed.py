@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.loops import LoopConsistency, loop_consistency, loop_errors
+from calibrant.calibrate.hand_eye.loops import LoopConsistency, consistency_of, loop_consistency, loop_errors
+from calibrant.calibrate.hand_eye.relative import PosePairs
 from calibrant.calibrate.hand_eye.solvers.registry import SOLVERS
 from calibrant.data import MethodResult
 from calibrant.errors import RefusedError
@@ -55,16 +56,26 @@ def best_seed(A: Array, B: Array, *, certainty: Array | None = None) -> Seed:
         keep[np.flatnonzero(keep)[worst]] = False
 
 
+def seed_of_all(A: Array, B: Array) -> Seed:
+    """X and Z of the solver whose loop is the most consistent over all views: enough to compare hypotheses by medians.
+
+    Raises: RefusedError as `best_seed`.
+    """
+    X, Z, method = _most_consistent(A, B)
+    return Seed(X, Z, method, np.ones(len(A), dtype=bool), loop_consistency(A, B, X))
+
+
 def _most_consistent(A: Array, B: Array) -> tuple[Array, Array, str]:
     best: tuple[float, Array, Array, str] | None = None
+    pairs = PosePairs(A, B)
     refusals = []
     for name, solver in SOLVERS.items():
         try:
-            X = solver.solve(A, B).X
+            X = solver.solve_pairs(pairs).X
         except RefusedError as error:
             refusals.append(str(error))
             continue
-        loop = loop_consistency(A, B, X)
+        loop = consistency_of(pairs, X)
         if best is None or loop.score < best[0]:
             best = (loop.score, X, loop.Z, name)
     if best is None:
@@ -86,9 +97,10 @@ def _worst(loop: LoopConsistency, certainty: Array) -> int | None:
 def compare_methods(A: Array, B: Array) -> dict[str, MethodResult]:
     """Every closed-form solver on the same poses: its X and loop, or why it has none."""
     table = {}
+    pairs = PosePairs(A, B)
     for name, solver in SOLVERS.items():
         try:
-            X = solver.solve(A, B).X
+            X = solver.solve_pairs(pairs).X
         except RefusedError as error:
             table[name] = MethodResult(None, None, None, str(error))
             continue

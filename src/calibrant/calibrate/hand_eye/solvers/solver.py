@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calibrant.calibrate.hand_eye.motion import report_of
+from calibrant.calibrate.hand_eye.motion import MotionReport, report_of
 from calibrant.calibrate.hand_eye.relative import PosePairs
 from calibrant.calibrate.hand_eye.solvers.translation import separable
 from calibrant.errors import RefusedError
@@ -55,8 +56,11 @@ class HandEyeSolver:
         T_camera_target. Raises: InputError for poses that are not rigid or do not match in number; RefusedError when
         the motions leave X undetermined, naming why and the cure, or when this method breaks down on the data.
         """
-        pairs = PosePairs(np.asarray(A), np.asarray(B))
-        report_of(pairs).require_determined()
+        return self.solve_pairs(PosePairs(np.asarray(A), np.asarray(B)))
+
+    def solve_pairs(self, pairs: PosePairs) -> HandEyeSolution:
+        """`solve` of pairs that are checked already; what all methods ask of the same pairs is computed once."""
+        _motions(pairs).require_determined()
         try:
             X, Z = self.estimate(pairs)
         except np.linalg.LinAlgError as error:
@@ -68,7 +72,7 @@ class HandEyeSolver:
 
     def _require_sound(self, pairs: PosePairs, X: Array) -> None:
         """Raises: RefusedError when X closes the loop far worse than a plain least-squares rotation does."""
-        plain = _loop_rms(pairs, separable(pairs, pairs.rough_rotation)[0])
+        plain = _plain_loop_rms(pairs)
         found = _loop_rms(pairs, X)
         floor = np.array([MISLED_FLOOR[0], MISLED_FLOOR[1] * pairs.length])
         if np.any(found > MISLED_FACTOR * np.maximum(plain, floor)):
@@ -77,6 +81,17 @@ class HandEyeSolver:
                 f"{np.rad2deg(found[0]):.3g} deg rms, a plain least-squares rotation by {1e3 * plain[1]:.3g} mm and "
                 f"{np.rad2deg(plain[0]):.3g} deg; look for wrong views, or use another method"
             )
+
+
+@lru_cache(maxsize=4)
+def _motions(pairs: PosePairs) -> MotionReport:
+    return report_of(pairs)
+
+
+@lru_cache(maxsize=4)
+def _plain_loop_rms(pairs: PosePairs) -> Array:
+    """The loop of a plain least-squares rotation, which every method is compared with."""
+    return _loop_rms(pairs, separable(pairs, pairs.rough_rotation)[0])
 
 
 def _loop_rms(pairs: PosePairs, X: Array) -> Array:

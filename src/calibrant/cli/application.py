@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import typer
 
-from calibrant.cli import demo, detect, doctor, hand_eye, intrinsics, kinematics, report, target
+from calibrant.cli import demo, detect, doctor, hand_eye, intrinsics, kinematics, next_pose, report, target
 from calibrant.errors import CalibrantError
 
 app = typer.Typer(
@@ -29,6 +29,7 @@ app.command("intrinsics", short_help="Calibrate a camera from photos of a board.
 app.command("hand-eye", short_help="Find where the camera is, on a robot or beside it.")(hand_eye.hand_eye)
 app.command("doctor", short_help="Find what is wrong with hand-eye data, and repair it.")(doctor.doctor)
 app.command("kinematics", short_help="Identify and correct a robot's geometry.")(kinematics.kinematics)
+app.command("next-pose", short_help="Say which poses to take next, or from the start.")(next_pose.next_pose)
 app.command("report", short_help="Show a result file, or make its HTML report.")(report.report)
 
 MANY_VALUES = (

@@ -9,7 +9,7 @@ A file of geometry (YAML) gives lengths with their units, in the base frame:
     spheres:
       - {centre: [0mm, 500mm, 400mm], radius: 100mm}
 
-The arm is a chain of capsules of one radius from joint to joint, from the second joint on: the first stands in the base.
+The arm is a chain of capsules of one radius between joints, from the second joint on: the first stands in the base.
 """
 
 from __future__ import annotations

@@ -87,6 +87,14 @@ def parse_fraction(text: str, *, what: str) -> float:
     return value
 
 
+def parse_share(text: str, *, what: str) -> float:
+    """A share in percent, above 0% to 100%. Raises: InputError for anything else."""
+    value = 1.0 if text.strip() == "100%" else parse_fraction(text, what=what)
+    if value <= 0:
+        raise InputError(f"{what}: the share must be above 0%, got {text!r}")
+    return value
+
+
 def check_request(workspace: str | None, tolerance: str | None, target_sigma: str | None) -> None:
     """Refuse options that cannot be read before any work is done. Raises: InputError naming the option."""
     if workspace is None and (tolerance is not None or target_sigma is not None):

@@ -30,7 +30,14 @@ from calibrant.calibrate.hand_eye.joint import (
 from calibrant.calibrate.hand_eye.loops import loop_errors
 from calibrant.calibrate.hand_eye.motion import MotionReport, motion_report
 from calibrant.calibrate.hand_eye.photos import named_by_poses, prepare_photos
-from calibrant.calibrate.hand_eye.seed import Seed, best_seed, compare_methods, mean_of_methods, method_result
+from calibrant.calibrate.hand_eye.seed import (
+    Seed,
+    best_seed,
+    compare_methods,
+    mean_of_methods,
+    method_result,
+    seed_of_all,
+)
 from calibrant.calibrate.hand_eye.setup import SETUPS, Setup, get_setup
 from calibrant.calibrate.hand_eye.views import (
     HandEyeViews,
@@ -150,7 +157,7 @@ def _seed(setup: Setup, data: HandEyeViews) -> tuple[HandEyeViews, Seed]:
 def _other_seed(setup: Setup, data: HandEyeViews) -> Seed | None:
     other = next(s for s in SETUPS.values() if s.name != setup.name)
     try:
-        return best_seed(*_pairs(other, data), certainty=data.certainty[data.use])
+        return seed_of_all(*_pairs(other, data))
     except RefusedError:
         return None
 

@@ -70,19 +70,12 @@ def repaired(diagnosis: Diagnosis, data: hand_eye_data.PairedData, request: hand
 
     Raises: RefusedError for a fault that only a person can cure, and as the calibration does.
     """
-    from calibrant.calibrate.hand_eye.calibrate import calibrate_hand_eye
     from calibrant.data import Check, verdict_of
+    from calibrant.diagnose.doctor.repair import calibrate_repaired
     from calibrant.diagnose.review import review
 
-    left = [f for f in diagnosis.findings if f.status == "fail" and not f.proposal]
-    if left:
-        raise RefusedError("; ".join(f"{f.name}: {f.message}" for f in left))
-    case = diagnosis.repaired
-    camera = case.camera if case.camera_given else None
     with session.status("Calibrating from the repaired data …", quiet=request.quiet):
-        found = calibrate_hand_eye(
-            case.poses, case.target(), setup=diagnosis.poses.setup, camera=camera, model=request.model, fix=request.fix
-        )
+        found = calibrate_repaired(diagnosis, model=request.model, fix=request.fix)
     result = session.with_misses(found)
     done = tuple(
         Check(f.name, "warn", f"repaired: {f.check.message}" if f.proposal else f.message, f.check.value)

@@ -272,7 +272,12 @@ def _message(
     twin = next((a for a in wanted if _equivalent(chosen, a)), None)
     if twin is not None and setup == "auto":
         given = "T_gripper_base" if twin.reading.direction == "gripper-base" else "T_base_gripper"
-        parts.append(f"{twin.setup} with poses given as {given} would fit as well, no loop can tell")
-        reason = "the documented direction was taken" if twin.plausible else _mounting_text(twin)
-        parts[-1] += f": {reason}; if the file is the other way, say so with --pose-direction {twin.reading.direction}"
+        text = f"{twin.setup} with poses given as {given} would fit as well, "
+        text += (
+            "no data can tell: the documented direction was taken; if the file is the other way, say so with "
+            f"--pose-direction {twin.reading.direction}"
+            if twin.plausible
+            else f"but {_mounting_text(twin)}"
+        )
+        parts.append(text)
     return "; ".join(parts) + "."

@@ -26,6 +26,9 @@ MAX_STEPS = 12
 """Gauss-Newton settles in three or four steps from a closed form; re-weighting takes a few more."""
 SETTLED = 1e-7
 """Steps below this, in sigmas of the residuals, change nothing that a test could see."""
+LEVEL_RATIO = 0.1
+"""Neither noise level is taken for less than a tenth of what the other one makes of it at the target's distance: three
+or four views can close their positions exactly by turning a little, which is no sign of positions without noise."""
 FLOOR_ROTATION, FLOOR_TRANSLATION = 1e-7, 1e-7
 """Radians and metres below which a spread is rounding."""
 
@@ -144,12 +147,13 @@ def fit_loop(
     Xs = np.array(np.broadcast_to(X, (model.cameras, 4, 4)))
     Zs = _start_targets(A, B, Xs, model, used, scale)
     deviation, rows = _linearised(A, B, Xs, Zs, scale, model)
-    levels = _levels(deviation, c, used, model)
+    reach = float(np.median(np.linalg.norm(B[used, :3, 3], axis=1)))
+    levels = _levels(deviation, c, used, model, abs(scale) * reach)
     for _ in range(steps):
         step, normal = _step(deviation, rows, c, used, levels)
         Xs, Zs, scale = _moved(Xs, Zs, scale, step, model)
         deviation, rows = _linearised(A, B, Xs, Zs, scale, model)
-        before, levels = levels, _levels(deviation, c, used, model)
+        before, levels = levels, _levels(deviation, c, used, model, abs(scale) * reach)
         size = float(np.sqrt(max(step @ normal @ step, 0.0)))
         settled = all(abs(new - old) <= 1e-3 * old for new, old in zip(levels, before))
         if size < SETTLED * np.sqrt(6.0 * n) and settled:
@@ -199,14 +203,19 @@ def _linearised(A: Array, B: Array, Xs: Array, Zs: Array, scale: float, model: M
     return deviation, rows
 
 
-def _levels(d: Array, c: Array, used: NDArray[np.bool_], model: Model) -> tuple[float, float]:
-    """Noise per axis of rotations and translations, each with its own unknowns taken off."""
+def _levels(d: Array, c: Array, used: NDArray[np.bool_], model: Model, reach: float) -> tuple[float, float]:
+    """Noise per axis of rotations and translations, each with its own unknowns taken off; reach: metres."""
     scaled = d[used] / c[used, None]
     groups = 3 * (model.cameras + model.targets)
     m = 3 * int(used.sum())
     rotation = np.sqrt(np.sum(scaled[:, :3] ** 2) / max(m - groups, 1))
     translation = np.sqrt(np.sum(scaled[:, 3:] ** 2) / max(m - groups - int(model.free_scale), 1))
-    return max(float(rotation), FLOOR_ROTATION), max(float(translation), FLOOR_TRANSLATION)
+    least_rotation = LEVEL_RATIO * float(translation) / max(reach, 1e-9)
+    least_translation = LEVEL_RATIO * reach * float(rotation)
+    return (
+        max(float(rotation), least_rotation, FLOOR_ROTATION),
+        max(float(translation), least_translation, FLOOR_TRANSLATION),
+    )
 
 
 def _step(d: Array, rows: Array, c: Array, used: NDArray[np.bool_], levels: tuple[float, float]) -> tuple[Array, Array]:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import fdtrc
+from scipy.special import fdtrc, gammaln
 
 from calibrant.calibrate.hand_eye.loop_fit import LoopFit, fit_loop
 from calibrant.calibrate.hand_eye.relative import odd_part
@@ -183,24 +183,52 @@ def _admitted(A: Array, B: Array, core: LoopFit, c: Array) -> RobustFit:
     """The core with every view taken in that its noise explains."""
     squares = np.sum((core.deviation / core.sigmas) ** 2, axis=1)
     used = core.used | (squares * CHI2_6_MEDIAN / max(float(np.median(squares)), 1e-12) < CORE_LIMIT)
+    fit = fit_loop(A, B, core.X[0], used=used, certainty=c)
     for _ in range(6):
-        fit = fit_loop(A, B, core.X[0], used=used, certainty=c)
-        p, outlier = judged(fit)
+        outlier = judged(fit)
         if np.array_equal(~outlier, used) or (~outlier).sum() < max(3, len(A) // 2):
             break
         used = ~outlier
-    return RobustFit(fit, p, outlier | ~fit.used)
+        fit = fit_loop(A, B, fit.X[0], used=used, certainty=c)
+    while not used.all() and chosen_by_chance(fit):
+        # The views left out were chosen for being far off: the least of them goes back.
+        used = used.copy()
+        left = np.flatnonzero(~used)
+        used[left[int(np.argmin(fit.statistic[left]))]] = True
+        fit = fit_loop(A, B, fit.X[0], used=used, certainty=c)
+    return RobustFit(fit, p_values(fit), ~used)
 
 
-def judged(fit: LoopFit) -> tuple[Array, NDArray[np.bool_]]:
-    """Chance of each view's deviation from noise alone, and which are outliers for it."""
-    n = len(fit.deviation)
+def noise_freedom(fit: LoopFit) -> float:
+    """Numbers left free for either noise level: half of all, as rotations and translations have one each."""
+    return max(fit.freedom / 2, 0.5)
+
+
+def p_values(fit: LoopFit) -> Array:
+    """(n,) chance of each view's deviation from noise alone."""
+    return np.asarray(fdtrc(6, noise_freedom(fit), np.maximum(fit.statistic, 0.0)), dtype=np.float64)
+
+
+def judged(fit: LoopFit) -> NDArray[np.bool_]:
+    """Views whose deviation no noise explains."""
     statistic = fit.statistic
-    p = fdtrc(6, max(fit.freedom, 1), np.maximum(statistic, 0.0))
     size = np.maximum(
         np.linalg.norm(fit.deviation[:, :3], axis=1) / FLOOR_RADIANS,
         np.linalg.norm(fit.deviation[:, 3:], axis=1) / FLOOR_METRES,
     )
     typical = float(np.median(statistic[fit.used])) if fit.used.any() else 0.0
-    outlier = (p * n < OUTLIER_P) & (statistic > TYPICAL_FACTOR * typical) & (size > 1)
-    return p, outlier
+    far = (p_values(fit) * len(size) < OUTLIER_P) & (statistic > TYPICAL_FACTOR * typical) & (size > 1)
+    return np.asarray(far)
+
+
+def chosen_by_chance(fit: LoopFit) -> bool:
+    """True when leaving out the k views that fit worst of n would look like this in clean data too.
+
+    The mean of their statistics is F(6 k, freedom / 2); any k of the n views could have been left out, so p is multiplied
+    by the number of choices (Bonferroni).
+    """
+    n, k = len(fit.used), int((~fit.used).sum())
+    mean = float(fit.statistic[~fit.used].mean())
+    log_p = float(np.log(max(fdtrc(6 * k, noise_freedom(fit), mean), 1e-300)))
+    choices = gammaln(n + 1) - gammaln(k + 1) - gammaln(n - k + 1)
+    return log_p + float(choices) > np.log(OUTLIER_P)

@@ -34,20 +34,20 @@ def examine(case: Case) -> list[Finding]:
     for k, name in zip(out, names):
         d = fit.deviation[k]
         mm, deg = 1e3 * np.linalg.norm(d[3:]), np.rad2deg(np.linalg.norm(d[:3]))
-        message = (
-            f"{name}: its robot pose and its image disagree by {mm:.3g} mm and {deg:.2g} deg, the others agree to "
+        reason = (
+            f"its robot pose and its image disagree by {mm:.3g} mm and {deg:.2g} deg, the others agree to "
             f"{evidence.after.text}: a wrong pose, a wrong image or a misread board"
         )
         found.append(
             Finding(
                 "bad-pose",
                 "warn",
-                message,
+                f"{name}: {reason}",
                 confidence(min(1.0, float(case.robust.p_value[k]) * len(case.index))),
                 evidence,
                 (name,),
                 proposal="leave the view out",
-                repair=partial(Case.without, rows=[int(case.index[k])], reason=f"left out: {message}"),
+                repair=partial(Case.without, rows=[int(case.index[k])], reason=f"left out: {reason}"),
             )
         )
     return found

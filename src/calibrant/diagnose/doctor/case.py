@@ -139,7 +139,7 @@ class Case:
         out = set(self.data.ids) - set(self.ids)
         rows = zip(self.data.views, self.data.reasons, self.data.use)
         left = [(v, r) for v, r, use in rows if not use and len(v)]
-        missed = tuple(Missed(v.id, r or "left out", v.camera, v.file) for v, r in left)
+        missed = tuple(Missed(v.id, (r or "left out").removeprefix("left out: "), v.camera, v.file) for v, r in left)
         views = tuple(v for v in self.observations.views if v.moment not in out)
         return replace(self.observations, views=views, missed=(*self.observations.missed, *missed))
 

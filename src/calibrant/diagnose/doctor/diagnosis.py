@@ -16,14 +16,12 @@ from calibrant.diagnose.doctor.finding import Finding
 from calibrant.diagnose.doctor.reading import PoseDecision, decide_poses
 from calibrant.diagnose.doctor.search import Examination, examine
 from calibrant.diagnose.doctor.timing import times_of
-from calibrant.diagnose.hypotheses import CONSISTENT, Setup
+from calibrant.diagnose.hypotheses import Setup
 from calibrant.errors import InputError
 from calibrant.formats.pose_readings import PoseReading
 
 Array = NDArray[np.float64]
 Asked = Setup | Literal["auto"]
-
-LEAST_POSES = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,25 +104,11 @@ def _with_gaps(observations: Observations, ids: Sequence[str]) -> Observations:
 
 
 def _diagnosis(poses: PoseDecision, examination: Examination) -> Diagnosis:
-    findings = [f for f in poses.findings if f.name != "no-reading-fits" or not examination.findings]
-    if examination.findings and not poses.fits:
-        findings += _still_open(poses, examination)
-    every = (*findings, *examination.findings)
+    # That no reading fits is judged again when everything is repaired: the examination has the last word.
+    read = [f for f in poses.findings if f.name != "no-reading-fits" or not examination.judged]
     rank = {"fail": 0, "warn": 1, "ok": 2}
-    return Diagnosis(poses, examination, tuple(sorted(every, key=lambda f: rank[f.status])))
-
-
-def _still_open(poses: PoseDecision, examination: Examination) -> list[Finding]:
-    """The finding that no reading fits, when the repairs did not close the loop either."""
-    case = examination.repaired
-    left = [f for f in poses.findings if f.name == "no-reading-fits"]
-    if not left or len(case.index) < LEAST_POSES:
-        return left
-    from calibrant.calibrate.hand_eye.loops import loop_consistency
-
-    keep = ~case.robust.outlier
-    score = loop_consistency(case.A[keep], case.B[keep], case.robust.X).score
-    return left if score > CONSISTENT else []
+    every = sorted((*read, *examination.findings), key=lambda f: rank[f.status])
+    return Diagnosis(poses, examination, tuple(every))
 
 
 def as_result(diagnosis: Diagnosis) -> CalibrationResult:

@@ -15,8 +15,10 @@ from calibrant.diagnose.doctor.significance import confidence
 
 Array = NDArray[np.float64]
 
-HALF_FIELD = np.deg2rad(60)
-"""A target is seen whole and sharp within 60 degrees of the axis with any but a fisheye lens."""
+HALF_FIELD = np.deg2rad(45)
+"""A target stands within 45 degrees of the axis, its origin included, with any but a fisheye lens."""
+CONE = 0.5 * (1 - np.cos(HALF_FIELD))
+"""Share of the sphere within that."""
 SEEN = 0.9
 NOT_SEEN = 0.8
 """Shares of poses that lie in front of the camera: nearly all of them should, and a fifth never do not by mistake."""
@@ -46,11 +48,11 @@ def examine(case: Case) -> list[Finding]:
             "poses-exchanged",
             "fail",
             message,
-            # Each pose lies in the cone by chance with its share of the sphere, (1 - cos 60 deg) / 2 = 1/4.
-            confidence(0.25 ** int(other.sum() - as_given.sum())),
+            # Each pose lies in the cone by chance with its share of the sphere, (1 - cos 45 deg) / 2 = 0.15.
+            confidence(CONE ** int(other.sum() - as_given.sum())),
             Evidence(case.loop, case.loop),
             proposal="give each file to the other option",
             repair=Case.exchanged,
-            gain=float(other.sum() - as_given.sum()) * np.log(4),
+            gain=float(other.sum() - as_given.sum()) * float(-np.log(CONE)),
         )
     ]

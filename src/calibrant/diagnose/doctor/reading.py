@@ -73,7 +73,7 @@ def decide_poses(
     inverse = [(_decided(complete, se3.inverse(B), rows, None, setup), None, True)] if measured else []
     good = [(d, order, inverted) for d, order, inverted in (*trials, *inverse) if d is not None and d.ok]
     if good:
-        decision, order, inverted = min(good, key=lambda t: _chosen(t[0]).score)
+        decision, order, inverted = min(good, key=lambda t: _misfit(_chosen(t[0])))
         return _decision(decision, complete, order, inverted=inverted, setup=setup)
     if plain is None:
         plain = decide([r.take(rows.tolist()) for r in complete], B, setup=setup)  # raises what it raised
@@ -113,6 +113,12 @@ def _orders(complete: Sequence[PoseReading], B: Array, rows: Index) -> list[Orde
 
 def _chosen(decision: ConventionDecision) -> Alternative:
     return next(a for a in decision.alternatives if a.reading is decision.reading and a.setup == decision.setup)
+
+
+def _misfit(a: Alternative) -> float:
+    """Sum of ln distance + ln angle over all views: orders that differ in two views have the same median."""
+    Z = loop_consistency(a.A, a.T_camera_target, a.X).Z
+    return float(log_misfit(se3.local(Z, a.A @ a.X @ a.T_camera_target)).sum())
 
 
 def _by_halves(

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from calibrant.calibrate.hand_eye.loops import loop_consistency
 from calibrant.diagnose.doctor import (
     bad_views,
     boards,
@@ -25,6 +26,8 @@ from calibrant.diagnose.doctor import (
 )
 from calibrant.diagnose.doctor.case import Case
 from calibrant.diagnose.doctor.finding import Finding, Loop
+from calibrant.diagnose.doctor.significance import confidence
+from calibrant.diagnose.hypotheses import CONSISTENT
 
 Examine = Callable[[Case], list[Finding]]
 
@@ -56,6 +59,11 @@ class Examination:
     repaired: Case
     before: Loop | None
     after: Loop | None
+
+    @property
+    def judged(self) -> bool:
+        """False when the motions determine nothing, so that the loop says nothing."""
+        return self.before is not None
 
     @property
     def sound(self) -> bool:
@@ -92,9 +100,24 @@ def examine(case: Case) -> Examination:
         best = max(proposals, key=lambda f: f.gain)
         current = _repaired(current, [best], found)
     found += [f for ask in REMARKS for f in ask(current)]
+    if not any(f.name == "views-disagree" for f in found):
+        found += _open_loop(current)
     # Motions are judged by what is left: repairs may have left too little.
     left = motions.examine(current) if current is not case else still
     return Examination((*_merged(found), *left), case, current, case.loop, current.loop)
+
+
+def _open_loop(case: Case) -> list[Finding]:
+    """The finding that nothing closes the loop: medians still as large as the motion itself."""
+    score = loop_consistency(case.A, case.B, case.robust.X).score
+    if score <= CONSISTENT:
+        return []
+    message = (
+        f"robot and target poses do not describe the same motion: the loop leaves {case.loop.text}, {score:.0%} of the "
+        "motion itself; do poses and images belong together, is it the right target?"
+    )
+    # Unrelated motions agree to within a quarter of themselves in half of the views about once in 4^(n / 2).
+    return [Finding("no-agreement", "fail", message, confidence(0.25 ** (len(case.index) / 2)))]
 
 
 def _repaired(case: Case, proposals: list[Finding], found: list[Finding]) -> Case:

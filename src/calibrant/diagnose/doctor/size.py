@@ -8,12 +8,18 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibrant.calibrate.hand_eye.loop_fit import LoopFit, fit_loop, plain_model
+from calibrant.calibrate.hand_eye.loops import loop_consistency
 from calibrant.data import Measured
 from calibrant.diagnose.doctor.case import Case
 from calibrant.diagnose.doctor.finding import Evidence, Finding
 from calibrant.diagnose.doctor.significance import CONVINCING, confidence, student_test
+from calibrant.diagnose.hypotheses import CONSISTENT
+from calibrant.geometry import se3
+
+Array = NDArray[np.float64]
 
 MATTERS = 0.005
 """A printed board is off by up to 0.5 % (a printer's scaling, paper and humidity); more is a wrong size."""
@@ -32,6 +38,14 @@ def freed(case: Case) -> LoopFit:
     return fit_loop(case.A, case.B, case.robust.X, model=model, used=used, certainty=case.certainty)
 
 
+def sensitivity(case: Case) -> tuple[Array, Array]:
+    """Change (6,) of X and of Z for a target larger by its own size, tangents of se3.retract: rad and m."""
+    step = 1e-3  # the loop is nearly linear in the scale
+    used = ~case.robust.outlier
+    fits = [fit_loop(c.A, c.B, case.robust.X, used=used, certainty=c.certainty) for c in (case, case.scaled(1 + step))]
+    return se3.local(fits[0].X[0], fits[1].X[0]) / step, se3.local(fits[0].Z[0], fits[1].Z[0]) / step
+
+
 def examine(case: Case) -> list[Finding]:
     """Does the target's size fit the robot's motion?"""
     if len(case.index) < 4:
@@ -44,6 +58,8 @@ def examine(case: Case) -> list[Finding]:
     if p > CONVINCING or abs(value - 1) < MATTERS:
         return []
     repaired = case.scaled(value)
+    if loop_consistency(repaired.A, repaired.B, fit.X[0]).score > CONSISTENT:
+        return []  # motions that have nothing in common have no scale either
     evidence = Evidence(case.loop, repaired.loop)
     unit = next((words for ratio, words in UNITS.items() if abs(value / ratio - 1) < UNIT_SHARE), None)
     text = f"{value:.4g} +- {sigma:.1g} times as large as given"

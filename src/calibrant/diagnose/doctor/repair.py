@@ -1,0 +1,45 @@
+"""The calibration of repaired data, with the uncertainty that the repair itself brings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from calibrant.calibrate.hand_eye.calibrate import calibrate_hand_eye
+from calibrant.data import CalibrationResult, Measured, TransformEstimate
+from calibrant.diagnose.doctor import size
+from calibrant.diagnose.doctor.diagnosis import Diagnosis
+from calibrant.errors import RefusedError
+
+
+def calibrate_repaired(diagnosis: Diagnosis, *, model: str = "brown", fix: Sequence[str] = ()) -> CalibrationResult:
+    """Hand-eye calibration of the data with every repair applied.
+
+    Where the target's size was estimated, its uncertainty is added: C + J J^T sigma_s^2, J = dX / ds.
+    Raises: RefusedError for a fault that only a person can cure, and as `calibrate_hand_eye`.
+    """
+    left = [f for f in diagnosis.findings if f.status == "fail" and f.repair is None and not f.proposal]
+    if left:
+        raise RefusedError("; ".join(f"{f.name}: {f.message}" for f in left))
+    case = diagnosis.repaired
+    camera = case.camera if case.camera_given else None
+    result = calibrate_hand_eye(
+        case.poses, case.target(), setup=diagnosis.poses.setup, camera=camera, model=model, fix=fix
+    )
+    estimated = next((f.measured for f in diagnosis.named("target-size") if f.measured is not None), None)
+    return result if estimated is None else _with_size(result, diagnosis, estimated)
+
+
+def _with_size(result: CalibrationResult, diagnosis: Diagnosis, estimated: Measured) -> CalibrationResult:
+    """The transforms with what the target's size leaves uncertain."""
+    changes = size.sensitivity(diagnosis.repaired)
+    transforms = tuple(_widened(t, d * estimated.sigma) for t, d in zip(result.transforms, changes))
+    return replace(result, transforms=transforms)
+
+
+def _widened(transform: TransformEstimate, change: np.ndarray) -> TransformEstimate:
+    if transform.covariance is None:
+        return transform
+    return replace(transform, covariance=transform.covariance + np.outer(change, change))

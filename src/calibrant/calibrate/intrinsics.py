@@ -81,12 +81,17 @@ def calibrate_intrinsics(
 ) -> CalibrationResult:
     """Calibrate one camera from views of a planar target.
 
+    model: one of `cameras.MODELS`, "splined" with a grid laid over the points, or "auto" to choose by held-out views.
     fix: parameters (or aspect, tangential, focal, principal) held at `initial`, or at their neutral values.
     initial: start values; its model may differ, terms it lacks start at 0. max_error_px: points above it are left out
     and the rest is calibrated again.
     Returns a CalibrationResult of kind "intrinsics". Raises: InputError for unusable input; RefusedError when the
     views cannot determine the camera, naming what is missing.
     """
+    if model == "auto":
+        from calibrant.calibrate.model_choice import calibrate_auto  # which imports this module
+
+        return calibrate_auto(observations, fix=fix, initial=initial, max_error_px=max_error_px)
     return calibrate_keeping(observations, model=model, fix=fix, initial=initial, max_error_px=max_error_px).result
 
 

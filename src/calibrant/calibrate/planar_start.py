@@ -145,10 +145,3 @@ def start_poses(xy: Array, normalised: Array, offsets: NDArray[np.int64]) -> tup
     T[:, 2, 3] = 1.0
     T[good] = poses(H[good], np.eye(3))
     return T, good
-
-
-def behind(T_camera_plane: Array, views: StackedViews, xy: Array) -> NDArray[np.bool_]:
-    """Which views (m,) have a point at or behind the camera."""
-    edge = np.repeat(np.arange(len(T_camera_plane)), np.diff(views.offsets))
-    depth = (T_camera_plane[edge, 2, :2] * xy).sum(axis=1) + T_camera_plane[edge, 2, 3]
-    return np.minimum.reduceat(depth, views.offsets[:-1]) <= 0

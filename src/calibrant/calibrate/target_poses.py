@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate import planar_start
+from calibrant.calibrate import camera_start, planar_start
 from calibrant.calibrate.chain import Link
 from calibrant.calibrate.reprojection import ReprojectionFactor, StackedViews, stack
 from calibrant.cameras import Camera
@@ -54,22 +54,20 @@ def target_poses(camera: Camera, views: Sequence[View], *, loss: Loss | None = N
     stacked = stack(views)
     planar = planar_start.in_plane(stacked.points)
     rays = camera.unproject(stacked.uv)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        normalised = rays[:, :2] / rays[:, 2:]
-    lost = ~np.isfinite(normalised).all(axis=1)
+    lost = ~np.isfinite(rays).all(axis=1)
     if lost.any():
         view = views[int(np.searchsorted(stacked.offsets, np.flatnonzero(lost)[0], side="right") - 1)]
         raise InputError(
             f"view {view.id!r} has points outside the camera's valid field; is it the camera that took it?"
         )
-    T_plane, good = planar_start.start_poses(planar.xy, normalised, stacked.offsets)
+    T_plane, good = camera_start.poses_of_rays(planar.xy, rays, stacked.offsets)
     if not good.all():
         view = views[int(np.flatnonzero(~good)[0])]
         raise InputError(f"view {view.id!r}: its {len(view)} points determine no pose (fewer than 4, or on a line)")
     first, first_covariance, first_rms = _refine(camera, stacked, T_plane @ planar.T_plane_target, loss, sigma)
     mirrored = _mirrored(first @ se3.inverse(planar.T_plane_target), planar.xy, stacked)
-    behind = planar_start.behind(mirrored, stacked, planar.xy)
-    mirrored[behind] = (first @ se3.inverse(planar.T_plane_target))[behind]
+    hidden = _hidden(camera, mirrored @ planar.T_plane_target, stacked)
+    mirrored[hidden] = (first @ se3.inverse(planar.T_plane_target))[hidden]
     second, second_covariance, second_rms = _refine(camera, stacked, mirrored @ planar.T_plane_target, loss, sigma)
     swap = second_rms < first_rms
     pick = swap[:, None, None]
@@ -101,6 +99,13 @@ def _refine(
     squares = np.sum(solution.residuals("reprojection") ** 2, axis=1)
     rms = np.sqrt(np.add.reduceat(squares, views.offsets[:-1]) / np.diff(views.offsets))
     return solution.value("T_camera_target"), solution.covariances("T_camera_target"), rms
+
+
+def _hidden(camera: Camera, T_camera_target: Array, views: StackedViews) -> NDArray[np.bool_]:
+    """Which views (m,) have a point that the camera cannot see at these poses."""
+    edge = np.repeat(np.arange(len(T_camera_target)), np.diff(views.offsets))
+    unseen = ~camera.model.sees(camera.values, se3.apply(T_camera_target[edge], views.points))
+    return np.logical_or.reduceat(unseen, views.offsets[:-1])
 
 
 def _mirrored(T_camera_plane: Array, xy: Array, views: StackedViews) -> Array:

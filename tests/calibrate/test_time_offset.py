@@ -1,0 +1,105 @@
+"""The offset between two clocks, from simulated continuous motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calibrant.calibrate.time_offset import (
+    LOOP_ROTATION,
+    LOOP_TRANSLATION,
+    PoseSpline,
+    _LoopFactor,
+    estimate_time_offset,
+)
+from calibrant.errors import InputError, RefusedError
+from calibrant.geometry import se3, so3
+
+X = se3.exp([0.3, -0.2, 0.5, 0.03, -0.05, 0.1])
+Z = se3.exp([2.9, 0.1, 0.2, 0.6, 0.1, 0.0])
+
+
+def gripper(t: np.ndarray) -> np.ndarray:
+    """A smooth sweep about all axes: up to a radian a second and half a metre a second."""
+    w = np.stack([0.5 * np.sin(1.3 * t) + 0.1 * t, 0.4 * np.sin(0.9 * t + 1), 0.5 * np.cos(1.7 * t)], axis=-1)
+    p = np.stack([0.5 + 0.15 * np.sin(1.1 * t), 0.2 * np.cos(0.8 * t), 0.4 + 0.1 * np.sin(1.9 * t)], axis=-1)
+    return se3.make(so3.exp(w), p)
+
+
+def recording(
+    offset: float, *, setup: str = "eye-in-hand", seed: int = 0, mm: float = 0.2, deg: float = 0.02
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Robot at 125 Hz, camera at 30 frames a second for 8 s, its clock behind by `offset`."""
+    rng = np.random.default_rng(seed)
+    t_robot = np.arange(-1.0, 10.0, 0.008)
+    t_true = np.arange(0.5, 8.5, 1 / 30) + rng.uniform(0, 1e-3)
+    A = gripper(t_true)
+    A = A if setup == "eye-in-hand" else se3.inverse(A)
+    B = se3.inverse(X) @ se3.inverse(A) @ Z
+    noise = rng.normal(size=(len(B), 6)) * np.repeat([np.deg2rad(deg), 1e-3 * mm], 3)
+    return t_robot, gripper(t_robot), t_true - offset, se3.retract(B, noise)
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+@pytest.mark.parametrize("offset", [0.0, 0.0431, -0.731])
+def test_the_offset_is_found(offset: float, setup: str) -> None:
+    found = estimate_time_offset(*recording(offset, setup=setup), setup=setup)
+    assert abs(found.offset - offset) < 4 * found.sigma
+    assert found.sigma < 1e-3
+    delta = se3.local(X, found.camera.matrix)
+    assert np.linalg.norm(delta[3:]) < 1e-3
+    if offset:
+        assert found.at_zero_mm > 3 * found.rms_mm
+
+
+def test_without_noise_it_is_exact() -> None:
+    found = estimate_time_offset(*recording(0.1234, mm=0, deg=0))
+    # The spline's own error: fourth derivatives of size 10 times (8 ms)^4 / 100.
+    assert abs(found.offset - 0.1234) < 1e-6
+
+
+def test_the_sigma_tells_the_truth() -> None:
+    off = []
+    for seed in range(10):
+        found = estimate_time_offset(*recording(0.05, seed=seed))
+        off.append((found.offset - 0.05) / found.sigma)
+    assert 0.55 < np.sqrt(np.mean(np.square(off))) < 1.6  # 10 degrees of freedom: 99 % lie within
+
+
+@pytest.mark.parametrize("inverted", [False, True])
+@pytest.mark.parametrize("noise", [LOOP_ROTATION, LOOP_TRANSLATION])
+def test_derivatives_are_differences(noise: str, inverted: bool) -> None:
+    t_robot, T, t, B = recording(0.02, mm=5, deg=1)
+    factor = _LoopFactor("loop", PoseSpline(t_robot, T), t[:5], B[:5], inverted=inverted, noise=noise)
+    values = [np.tile(X, (5, 1, 1)), np.tile(Z, (5, 1, 1)), np.full((5, 1), 0.02)]
+    if inverted:
+        values[1] = np.tile(se3.inverse(gripper(t[:1] + 0.02))[0] @ X @ B[0], (5, 1, 1))
+    J = factor.linearize(*values)[1]
+    step = 1e-6
+    for slot, columns in enumerate((6, 6, 1)):
+        for k in range(columns):
+            d = step * np.eye(columns)[k]
+            ends = []
+            for sign in (1, -1):
+                moved = list(values)
+                moved[slot] = se3.retract(values[slot], sign * d) if columns == 6 else values[slot] + sign * d
+                ends.append(factor.residuals(*moved))
+            # Products of lengths near 1 with second derivatives of a few: step^2 and 1e-16 / step.
+            assert np.allclose(J[slot][:, :, k], (ends[0] - ends[1]) / (2 * step), atol=1e-8)
+
+
+def test_what_tells_nothing_is_refused() -> None:
+    t_robot, T, t, B = recording(0.0)
+    with pytest.raises(InputError, match="do not increase at sample 4"):
+        estimate_time_offset(t_robot, T, np.concatenate([t[:4], t[2:]])[: len(t)], B)
+    with pytest.raises(InputError, match="the camera has 5 samples"):
+        estimate_time_offset(t_robot, T, t[:5], B[:5])
+    with pytest.raises(RefusedError, match="too slow to tell an offset"):
+        estimate_time_offset(t_robot, T, t, np.repeat(B[:1], len(t), axis=0))
+    other = se3.make(
+        so3.exp(np.cumsum(np.random.default_rng(1).normal(scale=0.05, size=(len(t), 3)), axis=0)), B[:, :3, 3]
+    )
+    with pytest.raises(RefusedError, match="no offset within 2 s brings the two motions together"):
+        estimate_time_offset(t_robot, T, t, other)
+    with pytest.raises(RefusedError, match=r"edge of the search|no offset within"):
+        estimate_time_offset(*recording(0.5), largest=0.2)

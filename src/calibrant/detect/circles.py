@@ -37,7 +37,7 @@ edge more than it must. The likeliest first."""
 LEAST_CONTRAST = 3.0
 """Half the difference of dot and paper, grey levels: three times the rounding of 8 bits."""
 MOST_MISFIT = 0.35
-"""Residuals of the ellipse's model over its contrast: noise of a sixth of the whole step; squares and letters are worse."""
+"""Residuals of the ellipse's model over its contrast: noise of a sixth of the whole step; letters are worse."""
 CENTRE_SIGMA_PX = 0.1
 """What fitted centres are trusted when they predict each other."""
 AGREEMENT_STEPS = 0.08
@@ -118,10 +118,10 @@ def _measured(grey: Grey, target: Circles, spots: Spots, lattice: Lattice, place
 
 def _room(spots: Spots, chosen: NDArray[np.int64]) -> Array:
     """How far each dot's window may reach, in half axes: halfway to the outline of the nearest spots."""
-    distance, near = cKDTree(spots.uv).query(spots.uv[chosen], k=min(7, len(spots)))
-    offset = spots.uv[near[:, 1:]] - spots.uv[chosen][:, None]
+    near = np.asarray(cKDTree(spots.uv).query(spots.uv[chosen], k=min(7, len(spots)))[1])[:, 1:]
+    offset = spots.uv[near] - spots.uv[chosen][:, None]
     away = np.sqrt(np.einsum("nki,nij,nkj->nk", offset, np.linalg.inv(spots.shape[chosen]), offset))
-    other = np.sqrt(spots.area[near[:, 1:]] / spots.area[chosen][:, None])
+    other = np.sqrt(spots.area[near] / spots.area[chosen][:, None])
     # Specks inside the dot itself are no neighbours.
     gap = np.where(away > 1.0, 1.0 + 0.5 * (away - 1.0 - other), np.inf)
     return np.maximum(gap.min(axis=1), 1.2)

@@ -81,8 +81,7 @@ def grow_lattices(spots: Spots, *, with_big: bool) -> Iterator[Lattice]:
 def _seeds(spots: Spots) -> tuple[Ints, Array]:
     """Spots with two neighbours at right angles, the most regular first, and the two steps (n, 2, 2) of every spot."""
     k = min(NEAREST, len(spots))
-    _, near = cKDTree(spots.uv).query(spots.uv, k=k)
-    near = near[:, 1:]
+    near = np.asarray(cKDTree(spots.uv).query(spots.uv, k=k)[1])[:, 1:]
     offset = spots.uv[near] - spots.uv[:, None]
     to_circle = np.linalg.inv(np.linalg.cholesky(spots.shape))
     white = np.einsum("nij,nkj->nki", to_circle, offset)
@@ -122,8 +121,8 @@ def _grow(spots: Spots, tree: cKDTree, seed: int, steps: Array, largest: float) 
             if cell in cells:
                 continue
             step = sign * basis[spot][axis]
-            away, other = tree.query(spots.uv[spot] + step)
-            other = int(other)
+            nearest = tree.query(spots.uv[spot] + step)
+            away, other = float(nearest[0]), int(nearest[1])
             ratio = float(spots.area[other]) / size[spot]
             if other in place or away > MISS * np.linalg.norm(step) or not 1 / SAME_SIZE < ratio < largest:
                 continue

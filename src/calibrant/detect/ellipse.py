@@ -64,7 +64,7 @@ def refine_spots(grey: Grey, spots: Spots, *, room: Array, blur_px: float = 1.0)
         )  # fmt: skip
     A = np.zeros((len(parameters), 2, 2))
     A[:, 0, 0], A[:, 1, 0], A[:, 1, 1] = parameters[:, 2], parameters[:, 3], parameters[:, 4]
-    shape = np.linalg.inv(np.swapaxes(A, 1, 2) @ A + 1e-12 * np.eye(2))
+    shape = np.asarray(np.linalg.inv(np.swapaxes(A, 1, 2) @ A + 1e-12 * np.eye(2)), np.float64)
     return Ellipses(parameters[:, :2], sigma[:, 0], shape, parameters[:, 7], sigma[:, 1], np.exp(parameters[:, 5]))
 
 

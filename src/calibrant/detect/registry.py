@@ -11,6 +11,9 @@ DETECTORS = {
     "chessboard": "calibrant.detect.chessboard:ChessboardDetector",
     "charuco": "calibrant.detect.charuco:CharucoDetector",
     "circles": "calibrant.detect.circles:CirclesDetector",
+    "aprilgrid": "calibrant.detect.aprilgrid:AprilGridDetector",
+    "marker": "calibrant.detect.tags:TagDetector",
+    "bundle": "calibrant.detect.tags:TagDetector",
 }
 
 

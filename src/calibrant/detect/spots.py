@@ -24,14 +24,14 @@ LARGEST_PART = 0.02
 """Of the picture's area: nine spots with the gaps between them would just fit."""
 MOST_SPOTS = 3000
 ROUNDNESS = (0.85, 1.15)
-"""Of 4 pi sqrt(det) over the area: 1 for an ellipse, 1.05 for a rectangle, 1.15 for what whole pixels do to the smallest."""
+"""Of 4 pi sqrt(det) over the area: 1 for an ellipse, 1.05 for a rectangle; whole pixels shake that of small spots."""
 FLATTEST = 6.0
 """Half axes' ratio: a circle tilted by 80 degrees."""
 
 
 @dataclass(frozen=True, eq=False)
 class Spots:
-    """uv (n, 2) px: centres; shape (n, 2, 2) px^2: M with (q - uv)^T M^-1 (q - uv) = 1 on the outline; area (n,) px^2."""
+    """Centres uv (n, 2) px; shape M (n, 2, 2) px^2, (q - uv)^T M^-1 (q - uv) = 1 on the outline; area (n,) px^2."""
 
     uv: Array
     shape: Array
@@ -60,7 +60,7 @@ def find_spots(level: Grey, *, window_px: int) -> Spots:
     keep[0] = False
     if not keep.any():
         return Spots(np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0))
-    return _round_ones(labels, keep, area)
+    return _round_ones(np.asarray(labels, np.int32), keep, area)
 
 
 def _round_ones(labels: NDArray[np.int32], keep: NDArray[np.bool_], area: NDArray[np.int32]) -> Spots:

@@ -144,7 +144,7 @@ def _artwork(art: Artwork, origin: Point) -> list[Fill | DiscFill]:
 
 def _marker(marker: MarkerArt, origin: Point) -> list[Fill]:
     """The whole square in the border's grey, and the other cells upon it, each row's runs in one piece."""
-    cells = marker_cells(marker.dictionary, marker.id)
+    cells = np.rot90(marker_cells(marker.dictionary, marker.id), -marker.quarter_turns)
     border = 1.0 if marker.inverted else 0.0
     x, y = marker.top_left
     cell = marker.side / len(cells)

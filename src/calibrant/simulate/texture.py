@@ -81,7 +81,7 @@ def marker_bits(dictionary: str, marker_id: int) -> NDArray[np.float32]:
 
 def _draw(grey: NDArray[np.float32], shape: Polygon | Disc | MarkerArt, origin: Array, texel: float) -> None:
     if isinstance(shape, MarkerArt):
-        bits = marker_bits(shape.dictionary, shape.id)
+        bits = np.rot90(marker_bits(shape.dictionary, shape.id), -shape.quarter_turns)
         start = (np.asarray(shape.top_left) - origin) / texel
         _draw_cells(grey, 1 - bits if shape.inverted else bits, start, shape.side / texel)
     elif isinstance(shape, Disc):

@@ -24,6 +24,14 @@ def parse_length(text: str, *, what: str = "a length") -> float:
     Args: text such as 25mm; what, how messages call the length.
     Raises: InputError for a bare number, an unknown unit, or a length that is not finite and above 0.
     """
+    return check_length(parse_coordinate(text, what=what), what=what)
+
+
+def parse_coordinate(text: str, *, what: str) -> float:
+    """Metres of a length with its unit that may be 0 or negative.
+
+    Raises: InputError for a bare number, an unknown unit, or a length that is not finite.
+    """
     match = _LENGTH.fullmatch(text)
     if match is None:
         raise InputError(f"{what}: {text!r} is not a length; write a number and its unit, such as 25mm or 0.025m")
@@ -33,10 +41,9 @@ def parse_length(text: str, *, what: str = "a length") -> float:
     if unit not in METRES_PER_UNIT:
         raise InputError(f"{what}: unknown unit {unit!r} in {text!r}; known units: {', '.join(METRES_PER_UNIT)}")
     try:
-        metres = float(Decimal(match["number"]) * METRES_PER_UNIT[unit])
+        return float(Decimal(match["number"]) * METRES_PER_UNIT[unit])
     except InvalidOperation:
         raise InputError(f"{what}: {match['number']!r} in {text!r} is not a number") from None
-    return check_length(metres, what=what)
 
 
 def check_length(metres: float, *, what: str) -> float:

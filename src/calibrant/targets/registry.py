@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from calibrant.errors import InputError
-from calibrant.targets import charuco, circles
+from calibrant.targets import aprilgrid, bundle, charuco, circles, marker, point_list
 from calibrant.targets.grid import parse_grid
 from calibrant.targets.lengths import parse_length
 from calibrant.targets.target import Target
+from calibrant.targets.yaml_subset import read_yaml
 
 
 @dataclass(frozen=True)
@@ -38,9 +38,11 @@ KINDS: dict[str, TargetKind] = {
     "chessboard": TargetKind(_CHESSBOARD, _chessboard),
     "charuco": TargetKind(charuco.SYNTAX, charuco.parse),
     "circles": TargetKind(circles.SYNTAX, circles.parse),
+    "aprilgrid": TargetKind(aprilgrid.SYNTAX, aprilgrid.parse),
+    "marker": TargetKind(marker.SYNTAX, marker.parse),
+    "bundle": TargetKind(bundle.SYNTAX, bundle.parse),
+    "points": TargetKind(point_list.SYNTAX, point_list.parse),
 }
-
-_YAML_TARGET = re.compile(r"^target\s*:\s*(?P<spec>\"[^\"]*\"|'[^']*'|[^#\n]*?)\s*(?:#.*)?$", re.MULTILINE)
 
 
 def parse_target(spec: str) -> Target:
@@ -50,7 +52,7 @@ def parse_target(spec: str) -> Target:
     Raises: InputError naming what is wrong and the expected form.
     """
     text = spec.strip()
-    if text.lower().endswith((".yaml", ".yml")):
+    if text.lower().endswith((".yaml", ".yml")) and ":" not in text.removeprefix(Path(text).drive):
         return _parse_spec(_spec_in_yaml(Path(text)), where=f"{text}: ")
     return _parse_spec(text, where="")
 
@@ -68,16 +70,9 @@ def _parse_spec(text: str, *, where: str) -> Target:
 
 
 def _spec_in_yaml(path: Path) -> str:
-    # Only this one line is read: a YAML library does not belong on this floor, and the file that `calibrant target`
-    # writes keeps everything else in comments.
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise InputError(f"target file {path} does not exist") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"target file {path} cannot be read as text: {error}") from None
-    match = _YAML_TARGET.search(text)
-    spec = match["spec"].strip("\"'") if match else ""
-    if not spec:
+    content = read_yaml(path)
+    spec = content.get("target") if isinstance(content, dict) else None
+    if not isinstance(spec, str) or not spec:
         raise InputError(f"target file {path} has no line `target: SPEC`, such as target: chessboard:9x6:25mm")
-    return spec
+    # A bundle's own file is its spec.
+    return f"bundle:{path}" if spec.strip().lower() == "bundle" else spec

@@ -35,8 +35,9 @@ class Disc:
 
 @dataclass(frozen=True)
 class MarkerArt:
-    """A square fiducial of a named dictionary: corner (x, y) at its top left, side in metres, upright.
+    """A square fiducial of a named dictionary: corner (x, y) at its top left, side in metres.
 
+    quarter_turns: how often it is turned clockwise by 90 degrees from upright, upright being OpenCV's.
     Its bits are drawn by who renders it: they live in the image-processing library, two floors up.
     """
 
@@ -45,6 +46,7 @@ class MarkerArt:
     top_left: tuple[float, float]
     side: float
     inverted: bool = False
+    quarter_turns: int = 0
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ class Artwork:
 
 
 class Target(ABC):
-    """One kind of target. Subclass it as a frozen dataclass in a file of its own; register it in `targets/registry.py`."""
+    """One kind of target. Subclass it as a frozen dataclass in its own file; register it in `targets/registry.py`."""
 
     kind: ClassVar[str]
 

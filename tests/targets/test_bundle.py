@@ -1,0 +1,127 @@
+"""Bundles and lists of points: geometry of their files, and what is wrong with bad ones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibrant.errors import InputError
+from calibrant.targets.bundle import Bundle
+from calibrant.targets.registry import parse_target
+from calibrant.targets.yaml_subset import parse_yaml
+
+CUBE = """
+target: bundle
+dictionary: 36h11
+cubes:
+  - side: 60mm
+    marker: 48mm
+    ids: [10, 11, 12, 13, null, 15]
+    position: [0mm, 0mm, 100mm]
+"""
+
+
+def bundle(folder: Path, text: str) -> Bundle:
+    """The bundle of a file with this text."""
+    file = folder / "bundle.yaml"
+    file.write_text(text)
+    target = parse_target(str(file))
+    assert isinstance(target, Bundle)
+    return target
+
+
+def test_a_cube_s_markers_lie_on_its_faces_and_look_outwards(tmp_path: Path) -> None:
+    cube = bundle(tmp_path, CUBE)
+    corners = cube.points.reshape(-1, 4, 3) - [0, 0, 0.1]
+    assert [i for i, _ in cube.markers] == [10, 11, 12, 13, 15]
+    outwards = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, -1]])
+    np.testing.assert_allclose(corners.mean(axis=1), 0.03 * outwards, atol=1e-12)
+    x, y = corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]
+    # x to the right and y down, seen from outside: their product points into the face.
+    np.testing.assert_allclose(np.cross(x, y) / 0.048**2, -outwards, atol=1e-12)
+    np.testing.assert_allclose(y[:4] / 0.048, np.tile([0, 0, -1], (4, 1)), atol=1e-12)
+
+
+def test_a_turned_marker(tmp_path: Path) -> None:
+    text = "target: bundle\ndictionary: 4X4_50\nmarkers:\n- {id: 2, side: 2cm, rotation_vector_deg: [0, 0, 90]}\n"
+    target = bundle(tmp_path, text)
+    # A quarter turn about z, x towards y: the top left corner goes to the top right.
+    np.testing.assert_allclose(target.points[0], [0.01, -0.01, 0], atol=1e-12)
+    same = bundle(tmp_path, text.replace("rotation_vector_deg: [0, 0, 90]", "quaternion_xyzw: [0, 0, 1, 1]"))
+    np.testing.assert_allclose(same.points, target.points, atol=1e-12)
+
+
+def test_a_factor_is_part_of_the_spec(tmp_path: Path) -> None:
+    cube = bundle(tmp_path, CUBE)
+    np.testing.assert_allclose(cube.scaled(1.5).points, 1.5 * cube.points)
+    assert parse_target(cube.scaled(1.5).spec) == cube.scaled(1.5)
+
+
+def test_a_solid_has_no_sheet(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="one by one"):
+        bundle(tmp_path, CUBE).artwork()
+
+
+HEAD = "target: bundle\ndictionary: 4X4_50\nmarkers:\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("target: bundle\n", "dictionary"),
+        ("target: bundle\ndictionary: 9X9\nmarkers: []\n", "unknown marker dictionary"),
+        ("target: bundle\ndictionary: 4X4_50\n", "holds no markers"),
+        (f"{HEAD}- {{id: 50, side: 2cm}}\n", "markers 0 to 49"),
+        (f"{HEAD}- {{id: 1, side: 20}}\n", "has no unit"),
+        (f"{HEAD}- {{id: 1, size: 20mm}}\n", "unknown key 'size'"),
+        (f"{HEAD}- {{id: 1, side: 2cm}}\n- {{id: 1, side: 2cm}}\n", "twice"),
+        (f"{HEAD}- {{id: 1, side: 2cm, position: [1mm, 2mm]}}\n", "three lengths"),
+        (f"{HEAD}- {{id: 1, side: 2cm, quaternion_xyzw: [0, 0, 0, 0]}}\n", "norm 0"),
+        (f"{HEAD}- {{id: 1, corners: [[0, 0, 0], [1cm, 0, 0], [1cm, 2cm, 0], [0, 2cm, 0]]}}\n", "no square"),
+        (f"{HEAD}\t- id: 1\n", "tabs"),
+        ("target: bundle\ndictionary: 4X4_50\ncubes:\n- {side: 1cm, marker: 2cm, ids: [1, 2, 3, 4, 5, 6]}\n", "larger"),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        bundle(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a,b,c\n1,2,3\n", "columns a, b, c"),
+        ("x,y,z\n1,2,3\n", "at least 4"),
+        ("x,y,z\n1,2,3\n1,2,x\n", "point 2"),
+        ("x,y,z\n1,2,3\n1,2,nan\n", "not finite"),
+        ("id,x,y,z\n" + "1,0,0,0\n" * 4, "ids of their own"),
+    ],
+)
+def test_a_bad_list_of_points(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "p.csv").write_text(text)
+    with pytest.raises(InputError, match=message):
+        parse_target(f"points:{tmp_path / 'p.csv'}")
+
+
+def test_yaml_as_people_write_it() -> None:
+    text = """---
+# a comment
+name: "a: b"   # another
+empty:
+list:
+- 1
+- two
+nested:
+  - id: 3
+    at: [1mm,
+         -2.5mm]
+  - {id: 4, at: [], flag: true}
+"""
+    assert parse_yaml(text) == {
+        "name": "a: b",
+        "empty": None,
+        "list": [1, "two"],
+        "nested": [{"id": 3, "at": ["1mm", "-2.5mm"]}, {"id": 4, "at": [], "flag": True}],
+    }

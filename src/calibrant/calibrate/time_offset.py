@@ -44,9 +44,10 @@ LEAST_SPEED = np.deg2rad(1.0)
 
 @dataclass(frozen=True, eq=False)
 class TimeOffset:
-    """offset and sigma in seconds: t_robot = t_camera + offset. correlation: of the angular speeds at the seed.
+    """offset and sigma in seconds: t_robot = t_camera + offset.
 
-    camera, target: the transforms refined with it; rms_mm, rms_deg: of the loop; at_zero_mm: of the loop without offset.
+    correlation: of the angular speeds at the shift that the refinement starts from.
+    camera, target: the transforms refined with it. rms_mm, rms_deg: of the loop; at_zero_mm: of it without offset.
     used (n,): camera samples whose moment the robot's samples cover.
     """
 

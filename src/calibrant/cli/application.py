@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import typer
 
-from calibrant.cli import demo, detect, doctor, hand_eye, intrinsics, kinematics, next_pose, report, target
+from calibrant.cli import demo, detect, doctor, hand_eye, intrinsics, kinematics, next_pose, report, target, time_offset
 from calibrant.errors import CalibrantError
 
 app = typer.Typer(
@@ -30,6 +30,7 @@ app.command("hand-eye", short_help="Find where the camera is, on a robot or besi
 app.command("doctor", short_help="Find what is wrong with hand-eye data, and repair it.")(doctor.doctor)
 app.command("kinematics", short_help="Identify and correct a robot's geometry.")(kinematics.kinematics)
 app.command("next-pose", short_help="Say which poses to take next, or from the start.")(next_pose.next_pose)
+app.command("time-offset", short_help="Find the offset between camera's and robot's clocks.")(time_offset.time_offset)
 app.command("report", short_help="Show a result file, or make its HTML report.")(report.report)
 
 MANY_VALUES = (

@@ -26,8 +26,8 @@ from calibrant.formats.joint_columns import (
 from calibrant.formats.pose_columns import LENGTH_UNITS, has_rotation, position_columns
 from calibrant.formats.pose_readings import options, readings
 from calibrant.formats.pose_rows import PoseTable, numbers_of, raw_poses
-from calibrant.formats.poses import read_table
-from calibrant.formats.raw_poses import PoseOptions, RawPoses
+from calibrant.formats.poses import read_table, refuse_ambiguous
+from calibrant.formats.raw_poses import PoseOptions
 from calibrant.formats.robot_formats import merged, robot_format
 from calibrant.robots.chain import KinematicChain
 
@@ -62,7 +62,7 @@ def read_measurements(
     ids = names_of(table) or tuple(str(i) for i in range(len(table.rows)))
     if has_rotation(rest.header):
         raw = replace(raw_poses(rest), options=asked)
-        _refuse_ambiguous(raw)
+        refuse_ambiguous(raw)
         reading = readings(raw)[0]
         T = reading.T_base_gripper
         source = f"{table.source}: {words}; {reading.description}"
@@ -98,16 +98,3 @@ def _positions(table: PoseTable, asked: PoseOptions) -> tuple[NDArray[np.float64
     if stated is not None:
         return positions, stated
     return positions, "m" if abs(positions).max() <= _FARTHEST_M else "mm"
-
-
-def _refuse_ambiguous(raw: RawPoses) -> None:
-    """Raises: InputError for three numbers a rotation without a word on what they are: they could be anything."""
-    stated, asked = raw.stated, raw.options
-    three = raw.rotation.ndim == 2 and raw.rotation.shape[1] == 3
-    if three and stated.rotation is None and asked.rotation == "auto":
-        raise InputError(
-            f"{raw.source}: three numbers a rotation, and nothing says what they are; say it: --pose-rotation rotvec, "
-            "euler:ZYX …, or --robot-format ur, kuka …"
-        )
-    if three and stated.angle is None and asked.angle == "auto" and len({r.angle for r in readings(raw)}) > 1:
-        raise InputError(f"{raw.source}: rotations in degrees or radians? Say it: --pose-angle deg or rad")

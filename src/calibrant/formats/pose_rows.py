@@ -72,11 +72,15 @@ def raw_poses(table: PoseTable) -> RawPoses:
     return RawPoses(numbers[:, :3], rotation, names, table.places, stated, source=table.source, notes=notes)
 
 
-def numbers_of(table: PoseTable, columns: Sequence[int]) -> Array:
-    """The numbers in some columns (rows, columns). Raises: InputError naming the place of what is none."""
+def numbers_of(table: PoseTable, columns: Sequence[int], *, bounded: bool = True) -> Array:
+    """The numbers in some columns (rows, columns). Raises: InputError naming the place of what is none.
+
+    `bounded` numbers are lengths and angles, whose size has a limit; times have none.
+    """
+    read = _number if bounded else _any_number
     return np.array(
         [
-            [_number(row[i], table.header[i], where) for i in columns]
+            [read(row[i], table.header[i], where) for i in columns]
             for row, where in zip(table.rows, table.places, strict=True)
         ]
     )
@@ -148,18 +152,22 @@ def _rotations(R: Array, t: Array, places: tuple[str, ...]) -> Array:
 
 
 def _number(cell: Cell, column: str, where: str) -> float:
-    try:
-        if isinstance(cell, bool) or cell is None:
-            raise ValueError
-        value = float(cell)
-    except (TypeError, ValueError) as error:
-        found = "empty" if cell is None or cell == "" else repr(cell)
-        raise InputError(f"{where}: column {column.strip()!r} is {found}, expected a number") from error
+    value = _any_number(cell, column, where)
     if math.isfinite(value) and abs(value) > _LARGEST:
         raise InputError(
             f"{where}: column {column.strip()!r} is {value:g}, beyond any length or angle; correct the line"
         )
     return value
+
+
+def _any_number(cell: Cell, column: str, where: str) -> float:
+    try:
+        if isinstance(cell, bool) or cell is None:
+            raise ValueError
+        return float(cell)
+    except (TypeError, ValueError) as error:
+        found = "empty" if cell is None or cell == "" else repr(cell)
+        raise InputError(f"{where}: column {column.strip()!r} is {found}, expected a number") from error
 
 
 def _counts(rows: Sequence[Sequence[Cell]]) -> bool:

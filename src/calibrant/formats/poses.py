@@ -79,6 +79,19 @@ def read_table(paths: str | Path | Iterable[str | Path], fmt: RobotFormat | None
     return (table if fmt is None else in_format(table, fmt)), target
 
 
+def refuse_ambiguous(raw: RawPoses) -> None:
+    """Raises: InputError for three numbers a rotation without a word on what they are: they could be anything."""
+    stated, asked = raw.stated, raw.options
+    three = raw.rotation.ndim == 2 and raw.rotation.shape[1] == 3
+    if three and stated.rotation is None and asked.rotation == "auto":
+        raise InputError(
+            f"{raw.source}: three numbers a rotation, and nothing says what they are; say it: --pose-rotation rotvec, "
+            "euler:ZYX …, or --robot-format ur, kuka …"
+        )
+    if three and stated.angle is None and asked.angle == "auto" and len({r.angle for r in readings(raw)}) > 1:
+        raise InputError(f"{raw.source}: rotations in degrees or radians? Say it: --pose-angle deg or rad")
+
+
 def _files(paths: str | Path | Iterable[str | Path]) -> list[Path]:
     """The files meant by paths, folders and patterns, in natural order; a single file stands alone."""
     given = [paths] if isinstance(paths, str | Path) else list(paths)

@@ -74,7 +74,9 @@ class Radial(CameraModel):
     def _unproject(self, parameters: Array, uv: Array) -> Array:
         fx, fy, cx, cy, *_ = parameters
         with np.errstate(all="ignore"):
-            return self.lift(parameters[4:], (uv[:, 0] - cx) / fx, (uv[:, 1] - cy) / fy)
+            rays = self.lift(parameters[4:], (uv[:, 0] - cx) / fx, (uv[:, 1] - cy) / fy)
+        # A closed form may go on past the rim, to directions that the model images elsewhere.
+        return np.where(self.sees(parameters, rays)[:, None], rays, np.nan)
 
 
 def ray(x: Array, y: Array, z: Array, good: Mask) -> Array:

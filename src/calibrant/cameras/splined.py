@@ -63,7 +63,8 @@ class Splined(CameraModel):
         q = self._stereographic(a, p)
         m = self._surface(a, q[..., 0], q[..., 1])
         norm = np.linalg.norm(p, axis=-1)
-        S = 2 / (norm + p[..., 2])
+        depth = norm + p[..., 2]
+        S = 2 / np.where(depth > 0, depth, np.nan)
         J_q = np.zeros((*S.shape, 2, 3))
         T = -S * S / (2 * norm)
         J_q[..., 0, 0], J_q[..., 0, 1] = S + p[..., 0] ** 2 * T, p[..., 0] * p[..., 1] * T

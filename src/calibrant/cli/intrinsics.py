@@ -29,6 +29,13 @@ def intrinsics(
             help="Leave out points with a larger error, e.g. 1.0px, and calibrate again.",
         ),
     ] = None,
+    target_shape: Annotated[
+        str,
+        typer.Option(
+            "--target-shape", metavar="flat|paraboloid|free",
+            help="Estimate the board's own shape with the camera: its bend, or every point.",
+        ),
+    ] = "flat",
     exclude: o.Exclude = None,
     workers: o.Workers = None,
     out: o.Out = None,
@@ -68,11 +75,16 @@ def intrinsics(
     from calibrant.calibrate.intrinsics import calibrate_intrinsics
     from calibrant.diagnose.review import review
     from calibrant.formats.camera_files import read_camera
+    from calibrant.formats.opencv_yaml import is_opencvs
 
     size = next(iter(found.image_sizes.values()))
     start = None if initial is None else read_camera(initial, image_size=size)
     with session.explain_refusal(outputs):
-        result = calibrate_intrinsics(found, model=model, fix=o.split_names(fix), initial=start, max_error_px=limit)
+        result = calibrate_intrinsics(
+            found, model=model, fix=o.split_names(fix), initial=start, max_error_px=limit, target_shape=target_shape
+        )
+        if opencv_yaml is None and not is_opencvs(result.camera):
+            outputs = replace(outputs, opencv=None)  # Intr.yml goes along with --out only where OpenCV has the model
         if mirror_x:
             result = replace(result, options={**result.options, "mirror_x": True})
         result = replace(result, inputs=session.file_records(inputs))

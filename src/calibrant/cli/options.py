@@ -52,7 +52,14 @@ Fix = Annotated[
     ),
 ]  # fmt: skip
 Model = Annotated[
-    str, typer.Option("--model", metavar="NAME", help="Camera model, such as brown or pinhole; a wrong name lists all.")
+    str,
+    typer.Option(
+        "--model",
+        metavar="NAME",
+        help="Camera model: pinhole, pinhole_skew, brown, rational, thin_prism, tilted, inverse_brown, division, "
+        "kannala_brandt, unified, extended_unified, double_sphere, orthographic, splined (or splined:16x12:120deg), "
+        "or auto: chosen by held-out photos.",
+    ),
 ]
 MirrorX = Annotated[
     bool, typer.Option("--mirror-x", help="The camera delivers mirror images: flip them left to right.")

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.cameras import Camera
+from calibrant.cameras import Camera, camera_model
 from calibrant.data.result_file import write_text
 from calibrant.errors import InputError
 from calibrant.formats.camera_format import CameraFormat, Size, camera_from_opencv, numbers, size_or_refuse, whole_size
@@ -32,16 +32,37 @@ _SHAPE_KEYS = ("imgshape", "imageshape", "shape")
 """An array's shape is (rows, columns): height first."""
 
 
+_BROWN = ("k1", "k2", "p1", "p2", "k3")
+_RATIONAL = (*_BROWN, "k4", "k5", "k6")
+_PRISM = (*_RATIONAL, "s1", "s2", "s3", "s4")
+_TERMS = {
+    "pinhole": _BROWN,
+    "pinhole_skew": _BROWN,
+    "brown": _BROWN,
+    "rational": _RATIONAL,
+    "thin_prism": _PRISM,
+    "tilted": (*_PRISM, "tx", "ty"),
+    "kannala_brandt": ("k1", "k2", "k3", "k4"),
+    "unified": ("k1", "k2", "p1", "p2"),
+}
+"""The models that OpenCV has, with its coefficients in its order: cv2.fisheye's and cv2.omnidir's (with xi) last."""
+
+
+def is_opencvs(camera: Camera) -> bool:
+    """Whether OpenCV has the camera's model."""
+    return camera.model.name in _TERMS
+
+
 def write_intrinsics(
     camera: Camera, path: str | Path, *, rms_px: float | None = None, force: bool = False, created: str | None = None
 ) -> Path:
     """Write a camera as OpenCV YAML, whole or not at all; cv2.FileStorage reads it.
 
-    Raises: InputError for a model whose terms OpenCV's five coefficients do not hold, or as `write_text`.
+    Raises: InputError for a model that OpenCV does not have, or as `write_text`.
     """
-    if camera.model.name not in ("pinhole", "brown"):
+    if not is_opencvs(camera):
         raise InputError(
-            f"a {camera.model.name} camera cannot be written as OpenCV YAML, which holds pinhole and brown here; "
+            f"a {camera.model.name} camera cannot be written as OpenCV YAML, which holds {', '.join(_TERMS)}; "
             "write the JSON result instead"
         )
     p = camera.parameters
@@ -51,8 +72,10 @@ def write_intrinsics(
         "image_height": camera.image_size[1],
         "camera_model": camera.model.name,
         "camera_matrix": camera.K,
-        "distortion_coefficients": np.array([[p.get(k, 0.0)] for k in ("k1", "k2", "p1", "p2", "k3")]),
+        "distortion_coefficients": np.array([[p.get(k, 0.0)] for k in _TERMS[camera.model.name]]),
     }
+    if "xi" in p:
+        values["xi"] = p["xi"]
     if rms_px is not None:
         values["avg_reprojection_error"] = float(rms_px)
     if camera.covariance is not None:
@@ -73,6 +96,9 @@ def _read(data: Mapping[str, Any], image_size: Size | None) -> Camera:
     distortion: Any = next((named[k] for k in _DISTORTION_KEYS if k in named), [])
     model = named.get("cameramodel")
     sigma = named.get("parametersigma")
+    if model in _TERMS and model not in ("pinhole", "brown"):
+        camera = _named_model(str(model), K, named, distortion, size_or_refuse(_size(named), image_size))
+        return _with_sigma(camera, named, sigma)
     if "fisheye" in str(model).lower() or named.get("fisheyemodel"):
         raise InputError("a fisheye camera of OpenCV's; expected a pinhole or brown camera")
     camera = camera_from_opencv(
@@ -81,6 +107,25 @@ def _read(data: Mapping[str, Any], image_size: Size | None) -> Camera:
         size_or_refuse(_size(named), image_size),
         model=model if model in ("pinhole", "brown") else None,
     )
+    return _with_sigma(camera, named, sigma)
+
+
+def _named_model(model: str, K: NDArray, named: Mapping[str, Any], distortion: Any, size: Size) -> Camera:
+    """A camera that `write_intrinsics` wrote, of a model beyond brown. Raises: InputError for a wrong count."""
+    terms = numbers(distortion, "distortion").ravel()
+    if len(terms) != len(_TERMS[model]):
+        raise InputError(f"{len(terms)} distortion coefficients; a {model} camera has {', '.join(_TERMS[model])}")
+    parameters = {"fx": K[0, 0], "fy": K[1, 1], "cx": K[0, 2], "cy": K[1, 2]}
+    kind = camera_model(model)
+    parameters |= {k: v for k, v in zip(_TERMS[model], terms) if k in kind.parameter_names}
+    if "skew" in kind.parameter_names:
+        parameters["skew"] = K[0, 1]
+    if "xi" in kind.parameter_names:
+        parameters["xi"] = float(named["xi"])
+    return Camera.create(model, parameters, image_size=size)
+
+
+def _with_sigma(camera: Camera, named: Mapping[str, Any], sigma: Any) -> Camera:
     if sigma is None or str(named.get("parameternames", "")).split() != list(camera.model.parameter_names):
         return camera
     # The file keeps the variances alone; correlations live in the JSON result.

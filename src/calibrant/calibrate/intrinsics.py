@@ -26,6 +26,7 @@ from calibrant.calibrate.outliers import Marked, mark, points_reason, view_reaso
 from calibrant.calibrate.planar_start import PlaneViews
 from calibrant.calibrate.provenance import refuse_if_failed, stamp
 from calibrant.calibrate.reprojection import ReprojectionFactor, StackedViews, stack
+from calibrant.calibrate.target_shape import FLAT, Flat, shape_of, with_noise
 from calibrant.calibrate.weights import reweighted
 from calibrant.cameras import Camera, CameraModel
 from calibrant.data import CalibrationResult, Observations, View, ViewResult, verdict_of
@@ -64,11 +65,17 @@ class Kept:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A fit and what it used: the solution, its views, and for each of them the points that were kept."""
+    """A fit and what it used: the solution, its views, and for each of them the points that were kept.
+
+    T_camera_target: poses when they are not the solution's own (the target's shape was aligned to its nominal one);
+    gauge_equations: equations that hold a gauge and are no data.
+    """
 
     solution: Solution
     views: tuple[View, ...]
     stacked: StackedViews
+    T_camera_target: Array | None = None
+    gauge_equations: int = 0
 
 
 def calibrate_intrinsics(
@@ -78,13 +85,15 @@ def calibrate_intrinsics(
     fix: Sequence[str] = (),
     initial: Camera | None = None,
     max_error_px: float | None = None,
+    target_shape: str = FLAT,
 ) -> CalibrationResult:
     """Calibrate one camera from views of a planar target.
 
     model: one of `cameras.MODELS`, "splined" with a grid laid over the points, or "auto" to choose by held-out views.
     fix: parameters (or aspect, tangential, focal, principal) held at `initial`, or at their neutral values.
     initial: start values; its model may differ, terms it lacks start at 0. max_error_px: points above it are left out
-    and the rest is calibrated again.
+    and the rest is calibrated again. target_shape: "flat", or estimated with the camera: "paraboloid" or "free" (see
+    `target_shape`); the result then holds its figures.
     Returns a CalibrationResult of kind "intrinsics". Raises: InputError for unusable input; RefusedError when the
     views cannot determine the camera, naming what is missing.
     """
@@ -92,7 +101,9 @@ def calibrate_intrinsics(
         from calibrant.calibrate.model_choice import calibrate_auto  # which imports this module
 
         return calibrate_auto(observations, fix=fix, initial=initial, max_error_px=max_error_px)
-    return calibrate_keeping(observations, model=model, fix=fix, initial=initial, max_error_px=max_error_px).result
+    return calibrate_keeping(
+        observations, model=model, fix=fix, initial=initial, max_error_px=max_error_px, target_shape=target_shape
+    ).result
 
 
 def calibrate_keeping(
@@ -102,6 +113,7 @@ def calibrate_keeping(
     fix: Sequence[str] = (),
     initial: Camera | None = None,
     max_error_px: float | None = None,
+    target_shape: str = FLAT,
 ) -> Kept:
     """`calibrate_intrinsics` for problems that go on with the same views: the result, and the points it kept."""
     kind = camera_start.model_for(model, observations)
@@ -130,11 +142,16 @@ def calibrate_keeping(
     except CalibrantError:
         refuse_wide_lens(kind, stacked, image_size)
         raise
-    return Kept(
-        _result(observations, camera_name, image_size, kind, fix, fit, marked, too_small, max_error_px, initial),
-        fit.views,
-        fit.solution,
-    )
+    figures: dict[str, object] | None = None
+    if target_shape != FLAT:
+        shaped = shape_of(target_shape)(Flat(fit.solution, fit.views, fit.stacked, kind))
+        fit = Fit(shaped.solution, fit.views, fit.stacked, shaped.T_camera_target, shaped.gauge_equations)
+        figures = shaped.figures
+    result = _result(observations, camera_name, image_size, kind, fix, fit, marked, too_small, max_error_px, initial)
+    if figures is not None:
+        options = {**result.options, "target_shape": target_shape}
+        result = replace(result, options=options, target_shape=with_noise(figures, result.sigma_px or 0.0))
+    return Kept(result, fit.views, fit.solution)
 
 
 def _enough_points(views: Sequence[View]) -> tuple[tuple[View, ...], dict[str, str]]:
@@ -325,7 +342,7 @@ def _result(
     residuals = solution.residuals("reprojection")
     squares = np.sum(residuals**2, axis=1)
     weighted = squares / fit.stacked.sigma**2
-    unknowns = solution.problem.free_count
+    unknowns = solution.problem.free_count - fit.gauge_equations
     freedom = 2 * len(squares) - unknowns
     if freedom <= 0:
         raise RefusedError(
@@ -385,7 +402,7 @@ def _view_results(
     squares: Array,
 ) -> tuple[ViewResult, ...]:
     sums = np.sqrt(np.add.reduceat(squares, fit.stacked.offsets[:-1]) / np.diff(fit.stacked.offsets))
-    T = fit.solution.value("T_camera_target")
+    T = fit.solution.value("T_camera_target") if fit.T_camera_target is None else fit.T_camera_target
     place = {v.id: i for i, v in enumerate(fit.views)}
     typical = float(np.median(sums))
     out = []

@@ -120,6 +120,7 @@ def decode(data: Any) -> CalibrationResult:
         target_scale=None
         if scale is None
         else Measured(*(_number(scale, k, "target_scale") for k in ("value", "sigma"))),
+        target_shape=_maybe(data, "target_shape", dict, "file"),
         held_out=None
         if held is None
         else HeldOut(**{k: _maybe_number(held, k, "held_out") for k in ("mm", "deg", "px")}),

@@ -36,6 +36,7 @@ def encode(result: CalibrationResult) -> Json:
             "rms_px": result.rms_px,
             "sigma_px": result.sigma_px,
             "sigma_robot": None if result.sigma_robot is None else _present(vars(result.sigma_robot)),
+            "target_shape": result.target_shape,
             "target_scale": None if result.target_scale is None else dict(vars(result.target_scale)),
             "held_out": None if result.held_out is None else _present(vars(result.held_out)),
             "checks": [_encode_check(c) for c in result.checks] or None,

@@ -45,7 +45,7 @@ def test_errors_are_as_large_as_predicted() -> None:
     features = np.vstack([TWO, [[0.0, 0.02, -0.01]]])
     uv = camera.project(se3.apply(T_camera_target @ T_target_gripper, features))
     squares, misfits = [], []
-    for _ in range(150):
+    for _ in range(60):
         given = replace(
             camera, values=camera.values + SIGMA_CAMERA * rng.standard_normal(9), covariance=np.diag(SIGMA_CAMERA**2)
         )
@@ -59,7 +59,7 @@ def test_errors_are_as_large_as_predicted() -> None:
         misfits.append((found.misfit_mm / found.sigma_misfit_mm) ** 2)
     low, high = chi2.ppf([0.0005, 0.9995], 6 * len(squares))
     assert low < np.sum(squares) < high
-    assert np.mean(misfits) == pytest.approx(1.0, rel=0.25)  # 3 degrees of freedom, 150 trials: 7 % sigma
+    assert np.mean(misfits) == pytest.approx(1.0, rel=0.4)  # 3 degrees of freedom, 60 trials: 11 % sigma
 
 
 def test_features_that_do_not_fit_are_refused() -> None:

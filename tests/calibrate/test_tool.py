@@ -88,15 +88,16 @@ def test_sight_errors_are_as_large_as_predicted() -> None:
     rng, n, camera = np.random.default_rng(4), 10, standard_camera()
     poses = swinging(n, rng)
     squares = []
-    for _ in range(200):
+    for _ in range(60):
         estimate = camera_estimate(5e-4, 5e-4)
         truth = se3.retract(CAMERA_AT, 5e-4 * rng.standard_normal(6))
         pixels = seen(poses, truth) + 0.2 * rng.standard_normal((n, 2))
         found: ToolTip = tip_by_sight(poses, pixels, camera=camera, base_camera=estimate)
         error = found.tip - TIP
         squares.append(error @ np.linalg.solve(found.covariance, error))
-    # The camera's error moves the rays apart as well, which the residuals' noise takes up: within a fifth of 3.
-    assert 2.2 < np.mean(squares) < 3.6
+    # The camera's error moves the rays apart as well, which the residuals' noise takes up; 60 trials of 3 degrees of
+    # freedom scatter by 0.32 about 3.
+    assert 2.0 < np.mean(squares) < 4.0
 
 
 def test_unusable_sights_are_refused_by_name() -> None:

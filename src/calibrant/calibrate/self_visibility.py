@@ -14,13 +14,12 @@ gripper's z points out of it, into the board, as the target's z does; features a
            phi = atan2(sum g x q, sum g . q),    (x, y) = mean(q) - Rz(phi) mean(g).
 
 Two features have one equation to spare, the distance between them, which tells a wrong feature or a gripper that does
-not lie flat. The covariance is that of the inputs (pixels, target pose, camera) carried through by first order; the
-derivatives are central differences over a hundredth of each input's sigma.
+not lie flat. The covariance is that of the inputs i = (pixels, target pose, camera) carried through by first order: q
+is held by u = project(theta, T (q, z)), so that dq = (dproject/dq)^-1 (du - dproject/dT dT - dproject/dtheta dtheta).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,8 +35,6 @@ Array = NDArray[np.float64]
 LEAST_FEATURES = 2
 DISAGREEMENT = 4.0
 """Sigmas by which the features may miss each other on the plane: pure chance does so once in 15,000."""
-_STEP = 1e-2
-"""Of a sigma: small against the function's curvature, large against rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,25 +72,21 @@ def calibrate_self_visibility(
     target = np.zeros((6, 6)) if covariance_target is None else np.asarray(covariance_target, dtype=np.float64)
     lens = np.zeros((len(camera.values),) * 2) if camera.covariance is None else camera.covariance
 
-    def solve(delta: Array) -> Array:
-        """(phi, x, y, features' misfits (2m)) for inputs moved by delta = (pixels 2m, target 6, camera k)."""
-        m2 = uv.size
-        moved = Camera(camera.model, camera.image_size, camera.values + delta[m2 + 6 :])
-        return _planar(moved, se3.retract(T, delta[m2 : m2 + 6]), uv + delta[:m2].reshape(-1, 2), g)
-
     C = np.zeros((uv.size + 6 + len(lens),) * 2)
     C[: uv.size, : uv.size] = sigma_px**2 * np.eye(uv.size)
     C[uv.size : uv.size + 6, uv.size : uv.size + 6] = target
     C[uv.size + 6 :, uv.size + 6 :] = lens
-    found = solve(np.zeros(len(C)))
-    J = _derivative(solve, np.sqrt(np.diag(C)), len(found))
+    q = _on_plane(camera, T, uv, g)
+    found = _planar(q, g)
+    J = _planar_derivative(found, q, g, _plane_derivative(camera, T, q, g))
     misfit = found[3:]
     expected = J[3:] @ C @ J[3:].T
     rms, sigma = (float(1e3 * np.sqrt(s / len(g))) for s in (misfit @ misfit, np.trace(expected)))
     if rms > DISAGREEMENT * sigma and rms > 1e-6:
         raise RefusedError(
             f"the gripper's features lie {rms:.3g} mm from where they should on the plane, "
-            f"{rms / max(sigma, 1e-9):.1f} times what the noise explains; check their coordinates and order, and that the gripper lies flat"
+            f"{rms / max(sigma, 1e-9):.1f} times what the noise explains; check their "
+            "coordinates and order, and that the gripper lies flat"
         )
     return SelfVisibility(
         as_transform("gripper", "camera", *_gripper_camera(T, found[:3], J[:3], C, uv.size)),
@@ -123,8 +116,8 @@ def _checked(T: ArrayLike, uv: ArrayLike, g: ArrayLike, sigma_px: float) -> tupl
     return pose, pixels, features
 
 
-def _planar(camera: Camera, T_camera_target: Array, uv: Array, g: Array) -> Array:
-    """phi, x, y and the misfits (2m,) of the features on the plane, metres."""
+def _on_plane(camera: Camera, T_camera_target: Array, uv: Array, g: Array) -> Array:
+    """Where the pixels' rays meet the features' planes, (m, 2) metres, x and y of the target."""
     T_target_camera = se3.inverse(T_camera_target)
     ray = camera.unproject(uv) @ T_target_camera[:3, :3].T
     origin = T_target_camera[:3, 3]
@@ -133,22 +126,44 @@ def _planar(camera: Camera, T_camera_target: Array, uv: Array, g: Array) -> Arra
     reach = (g[:, 2] - origin[2]) / ray[:, 2]
     if np.any(~np.isfinite(reach) | (reach <= 0)):
         raise InputError("a feature's ray does not meet the target's plane in front of the camera; check its pixel")
-    q = (origin + reach[:, None] * ray)[:, :2]
-    gc, qc = g[:, :2] - g[:, :2].mean(axis=0), q - q.mean(axis=0)
-    phi = np.arctan2(np.sum(gc[:, 0] * qc[:, 1] - gc[:, 1] * qc[:, 0]), np.sum(gc * qc))
-    R = np.array([[np.cos(phi), -np.sin(phi)], [np.sin(phi), np.cos(phi)]])
+    return np.asarray((origin + reach[:, None] * ray)[:, :2])
+
+
+def _plane_derivative(camera: Camera, T_camera_target: Array, q: Array, g: Array) -> Array:
+    """d q / d (pixels, target pose, camera), (m, 2, 2m + 6 + k); see the module."""
+    m, R = len(q), T_camera_target[:3, :3]
+    rotated = np.column_stack([q, g[:, 2]]) @ R.T
+    _, J_point, J_camera = camera.model.project_with_jacobians(camera.values, rotated + T_camera_target[:3, 3])
+    inputs = np.zeros((m, 2, 2 * m + 6 + J_camera.shape[-1]))
+    inputs[np.arange(m), 0, 2 * np.arange(m)] = inputs[np.arange(m), 1, 2 * np.arange(m) + 1] = 1.0
+    inputs[..., 2 * m : 2 * m + 6] = -np.concatenate([-J_point @ so3.hat(rotated), J_point], axis=-1)
+    inputs[..., 2 * m + 6 :] = -J_camera
+    return np.asarray(np.linalg.solve(J_point @ R[:, :2], inputs))
+
+
+def _planar(q: Array, g: Array) -> Array:
+    """phi, x, y and the misfits (2m,) of the features on the plane, metres."""
+    centred = g[:, :2] - g[:, :2].mean(axis=0)
+    phi = np.arctan2(np.sum(centred[:, 0] * q[:, 1] - centred[:, 1] * q[:, 0]), np.sum(centred * q))
+    R = _turn(float(phi))
     position = q.mean(axis=0) - R @ g[:, :2].mean(axis=0)
     return np.concatenate([[phi], position, (g[:, :2] @ R.T + position - q).ravel()])
 
 
-def _derivative(function: Callable[[Array], Array], sigma: Array, size: int) -> Array:
-    """Central differences (size, inputs); inputs without noise have no column worth the work."""
-    J = np.zeros((size, len(sigma)))
-    for i in np.flatnonzero(sigma > 0):
-        step = np.zeros(len(sigma))
-        step[i] = _STEP * sigma[i]
-        J[:, i] = (function(step) - function(-step)) / (2 * step[i])
-    return J
+def _planar_derivative(found: Array, q: Array, g: Array, dq: Array) -> Array:
+    """Derivative of `_planar`, (3 + 2m, inputs), from d q / d inputs (m, 2, inputs)."""
+    centred = g[:, :2] - g[:, :2].mean(axis=0)
+    cross, dot = np.sum(centred[:, 0] * q[:, 1] - centred[:, 1] * q[:, 0]), np.sum(centred * q)
+    d_cross = np.einsum("m,mi->i", centred[:, 0], dq[:, 1]) - np.einsum("m,mi->i", centred[:, 1], dq[:, 0])
+    d_phi = (dot * d_cross - cross * np.einsum("ma,mai->i", centred, dq)) / (cross**2 + dot**2)
+    turned = g[:, :2] @ _turn(float(found[0]) + np.pi / 2).T  # d R / d phi is R a quarter turn on
+    d_position = dq.mean(axis=0) - turned.mean(axis=0)[:, None] * d_phi
+    misfit = turned[:, :, None] * d_phi + d_position - dq
+    return np.concatenate([d_phi[None], d_position, misfit.reshape(-1, len(d_phi))])
+
+
+def _turn(angle: float) -> Array:
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
 def _gripper_camera(T: Array, planar: Array, J: Array, C: Array, pixels: int) -> tuple[Array, Array]:

@@ -83,7 +83,7 @@ def tip_by_touch(T_base_flange: RobotPoses | ArrayLike) -> ToolTip:
     if values[-1] < WEAK * np.sqrt(n):
         raise RefusedError(_undetermined(values, directions, n))
     p: Array = np.linalg.lstsq(spread, -(t - t.mean(axis=0)).ravel(), rcond=None)[0].astype(np.float64)
-    tips = R @ p + t
+    tips = np.asarray(R @ p + t)
     point = tips.mean(axis=0)
     residuals = tips - point
     sigma = float(np.sqrt(np.sum(residuals**2) / (3 * n - 6)))
@@ -112,7 +112,7 @@ def tip_by_sight(
     for _ in range(MAX_ITERATIONS):
         r, J, _ = _sight(T_camera_flange, camera, pixels, p)
         step = np.linalg.lstsq(J, -r, rcond=None)[0]
-        p = p + step
+        p = np.asarray(p + step)
         if np.linalg.norm(step) < SETTLED:
             break
     r, J, J_seen = _sight(T_camera_flange, camera, pixels, p)

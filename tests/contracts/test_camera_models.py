@@ -1,7 +1,7 @@
 """What every registered camera model must hold: shapes, inverses, derivatives, the field it sees, the compiled form.
 
-A new model is covered by its line in the registry, with ordinary values of its terms; models whose terms have a scale of
-their own give them in TERMS.
+A new model is covered by its line in the registry, with ordinary values of its terms; models whose terms have a scale
+of their own give them in TERMS.
 """
 
 from __future__ import annotations

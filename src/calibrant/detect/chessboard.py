@@ -10,7 +10,8 @@ behind corner 0 is dark. Where the board looks the same after a turn, x is chose
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -32,8 +33,17 @@ LEAST_SHORTEST_PX = 100
 FEW, FEWEST = 4, 200
 """Saddles looked at first, for each corner of the board and on top: a board is among the most pronounced things in a
 picture unless it lies in the shade, and then all are looked at."""
+WINDOW_PX = 6.0
+"""Half width of the window of sub-pixel corners, where the squares leave room: at 2 grey levels of noise a corner is
+known to 0.01 px; time grows with its square, and so does the pull of edges bent by the lens."""
+WINDOWS_OF_BLUR = 3.0
+"""Half width of the window over the blur: an edge reaches its full contrast within it."""
 LEAST_SEEN = 0.8
 """Of a board's corners; the others may be hidden by glare or a finger. With fewer, its extent is a guess."""
+LEAST_COUNT = 24
+"""Smaller boards must be seen whole: a few squares that alternate are found in any mosaic."""
+MOST_NOISE = 0.5
+"""What two crossing edges may leave unexplained, over their half contrast: more is another pattern, or glare."""
 LEAST_LOOK = 12
 """Corners that a grid of another size needs to be called a board in a message: 4x3."""
 
@@ -61,18 +71,34 @@ class ChessboardDetector:
         """
         if not isinstance(target, Chessboard):
             raise InputError(f"the chessboard detector was given a target of kind {target.kind!r}")
-        others: list[_Found] = []
-        for factor in scales(grey.shape[1], grey.shape[0]):
-            level = _level(grey, factor)
-            for most in (FEW * target.rows * target.columns + FEWEST, MOST_CANDIDATES):
-                found = _grids(level, factor, most, target)
-                others += found
-                for candidate in sorted(found, key=lambda f: -f.area):
-                    if sorted(candidate.grid.shape) == sorted((target.rows, target.columns)):
-                        detection = _numbered(grey, candidate, target)
-                        if detection.found:
-                            return detection
-        return _not_found(others, target)
+        seen: list[_Found] = []
+        best = Detection.nothing("")
+        for found in _at_every_scale(grey, target):
+            seen += found
+            detection = _largest_match(grey, found, target)
+            if len(detection.uv) == len(target.points):
+                return detection
+            # A corner that one scale loses in blur or noise, another may show.
+            best = max(best, detection, key=lambda d: len(d.uv))
+        return best if best.found else _not_found(seen, target)
+
+
+def _at_every_scale(grey: Grey, target: Chessboard) -> Iterator[list[_Found]]:
+    """Grids found with each scale and number of saddles, one after the other."""
+    for factor in scales(grey.shape[1], grey.shape[0]):
+        level = _level(grey, factor)
+        for most in (FEW * target.rows * target.columns + FEWEST, MOST_CANDIDATES):
+            yield _grids(level, factor, most, target)
+
+
+def _largest_match(grey: Grey, found: list[_Found], target: Chessboard) -> Detection:
+    """Corners of the largest grid in the picture that has the target's size and ends where the target does."""
+    for candidate in sorted(found, key=lambda f: -f.area):
+        if not candidate.grid.goes_on and sorted(candidate.grid.shape) == sorted((target.rows, target.columns)):
+            detection = _numbered(grey, candidate, target)
+            if detection.found:
+                return detection
+    return Detection.nothing("no grid of this size")
 
 
 def scales(width: int, height: int) -> list[int]:
@@ -96,19 +122,20 @@ def _grids(level: Grey, factor: int, most: int, target: Chessboard) -> list[_Fou
     grids = grow_grids(corners, neighbours(corners), least=min(6, target.rows * target.columns // 2))
     # Pixel i of the small image covers pixels factor * i ... factor * (i + 1) - 1 of the large one.
     shift = 0.5 * (factor - 1)
-    return [_Found(Grid(factor * g.xy + shift, g.dark, g.contrast), factor) for g in grids if g.known.sum() >= 4]
+    return [_Found(replace(g, xy=factor * g.xy + shift), factor) for g in grids if g.known.sum() >= 4]
 
 
 def _numbered(grey: Grey, found: _Found, target: Chessboard) -> Detection:
     grid = _oriented(found.grid, target)
     known = grid.known
-    if known.mean() < LEAST_SEEN:
+    least = max(LEAST_SEEN * known.size, min(LEAST_COUNT, known.size))
+    if known.sum() < least:
         return Detection.nothing(
             f"only {int(known.sum())} of {known.size} corners of the board can be seen; uncover it or light it evenly"
         )
     refined = _refined(grey, grid, found.factor)
-    good = refined.converged & (refined.noise < refined.contrast)
-    if good.sum() < LEAST_SEEN * known.size:
+    good = refined.converged & (refined.noise < MOST_NOISE * refined.contrast)
+    if good.sum() < least:
         return Detection.nothing("the board was seen but its corners are too blurred or too noisy to be measured")
     ids = np.flatnonzero(known.ravel())[good]
     notes = () if target.turns_unnoticed_deg is None else (_ambiguous(target),)
@@ -122,15 +149,14 @@ def _refined(grey: Grey, grid: Grid, factor: int) -> Refined:
     for k, (row, column) in enumerate(at):
         predict(xy, row, column, steps[k])
     dark = grid.dark ^ (at.sum(axis=1) % 2 == 1)
+    grey, start = np.ascontiguousarray(grey), grid.xy[grid.known]
     # A coarse scale knows a corner to about half of its pixels, and is what is left of a blurred picture.
-    return refine(
-        np.ascontiguousarray(grey),
-        grid.xy[grid.known],
-        steps[:, 2:],
-        dark,
-        radius_px=max(6.0, 3.0 * factor),
-        blur_px=max(1.0, 0.5 * factor),
-    )
+    radius, blur = max(WINDOW_PX, 3.0 * factor), max(1.0, 0.5 * factor)
+    refined = refine(grey, start, steps[:, 2:], dark, radius_px=radius, blur_px=blur)
+    blur = float(np.median(refined.blur_px))
+    if WINDOWS_OF_BLUR * blur <= radius:
+        return refined
+    return refine(grey, start, steps[:, 2:], dark, radius_px=WINDOWS_OF_BLUR * blur, blur_px=blur)
 
 
 def _oriented(grid: Grid, target: Chessboard) -> Grid:
@@ -172,6 +198,10 @@ def _not_found(others: list[_Found], target: Chessboard) -> Detection:
     if (rows > columns) != (target.rows > target.columns):
         rows, columns = columns, rows
     if (rows, columns) == (target.rows, target.columns):
+        if any(f.grid.goes_on for f in seen):
+            return Detection.nothing(
+                f"{asked} corners were seen, but the pattern goes on beyond them: it is larger than {asked}, or a floor"
+            )
         return Detection.nothing("the board was seen but its corners are too blurred or too noisy to be measured")
     size = f"{columns}x{rows} inner corners"
     return Detection.nothing(f"the image looks like {size}, you asked for {asked}", looks_like=size)

@@ -8,7 +8,7 @@ cell (0, 0) and its neighbours to the right and below is dark.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,11 +26,14 @@ LEAST_FILL = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """xy (rows, columns, 2) pixels, NaN where unknown; dark: colour of the square right of and below corner (0, 0)."""
+    """xy (rows, columns, 2) pixels, NaN where unknown; dark: colour of the square right of and below corner (0, 0);
+    contrast: half the difference of dark and light over their mean, typical of its corners;
+    goes_on: whether corners lie beyond its sides, on lines of which too little is seen to count them."""
 
     xy: Array
     dark: bool
     contrast: float
+    goes_on: bool = False
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -99,7 +102,10 @@ def _as_grid(cells: Cells, turns: Turns, corners: Corners) -> Grid:
     xy[at[:, 0], at[:, 1]] = corners.xy[index]
     # Between ports 0 and 1 it is dark: right and below of a corner whose turn is even. Neighbours alternate.
     dark = (at.sum(axis=1) + np.array([turns[i] for i in index])) % 2 == 0
-    return Grid(xy, bool(dark.mean() > 0.5), float(np.median(corners.contrast[index])))
+    # At a corner's centre the picture has the mean of dark and light.
+    column, row = np.rint(corners.xy[index]).astype(int).T
+    contrast = corners.contrast[index] / np.maximum(corners.smooth[row, column], 1.0)
+    return Grid(xy, bool(dark.mean() > 0.5), float(np.median(contrast)))
 
 
 def _complete(grid: Grid, corners: Corners) -> Grid:
@@ -109,12 +115,22 @@ def _complete(grid: Grid, corners: Corners) -> Grid:
     grid = _fill(_trim(grid), corners, pool)
     for _ in range(4):
         for _ in range(MOST_LINES):
-            grown = _grow_right(grid, corners, pool)
-            if grown is None:
+            grown, seen = _one_column_more(grid, corners, pool)
+            if seen < LEAST_FILL * grid.shape[0]:
                 break
             grid = grown
         grid = turned(grid)
-    return _trim(_fill(grid, corners, pool))
+    grid = _trim(_fill(grid, corners, pool))
+    return replace(grid, goes_on=_goes_on(grid, corners))
+
+
+def _goes_on(grid: Grid, corners: Corners) -> bool:
+    # Only saddles that are corners from all sides: the outline of a board has bends. One may still fit by chance.
+    for _ in range(4):
+        if _one_column_more(grid, corners, corners.xy)[1] >= 2:
+            return True
+        grid = turned(grid)
+    return False
 
 
 MOST_LINES = 40
@@ -163,13 +179,12 @@ def _fill(grid: Grid, corners: Corners, pool: Array) -> Grid:
     return Grid(xy, grid.dark, grid.contrast)
 
 
-def _grow_right(grid: Grid, corners: Corners, pool: Array) -> Grid | None:
-    """With one more column on the right; None when the picture does not show one."""
+def _one_column_more(grid: Grid, corners: Corners, pool: Array) -> tuple[Grid, int]:
+    """With one more column on the right, and how many of its corners the picture shows."""
     rows, columns = grid.shape
     xy = np.full((rows, columns + 1, 2), np.nan)
     xy[:, :-1] = grid.xy
     wanted = np.zeros((rows, columns + 1), np.bool_)
     wanted[:, -1] = True
-    if snap(xy, wanted, grid.dark, grid.contrast, corners.smooth, pool) < LEAST_FILL * rows:
-        return None
-    return Grid(xy, grid.dark, grid.contrast)
+    seen = snap(xy, wanted, grid.dark, grid.contrast, corners.smooth, pool)
+    return Grid(xy, grid.dark, grid.contrast), int(seen)

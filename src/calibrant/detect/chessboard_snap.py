@@ -14,7 +14,10 @@ from numba import njit
 SNAP = 0.25
 """How far from its prediction a corner may lie, over the distance of its neighbours: half way to a square's middle."""
 LEAST_CONTRAST = 0.25
-"""Between dark and light squares around a corner, over that of the grid: glare takes some, its end takes all."""
+"""Of the squares around a corner, over that of the grid: glare takes some, the end of the board takes all. Both are
+differences over brightness, which a shadow does not change."""
+LEAST_DIFFERENCE = 2.0
+"""Grey levels between dark and light squares: above the rounding of 8 bits."""
 
 
 @njit("UniTuple(float64, 3)(float64[:, :, ::1], int64, int64, int64, int64)", cache=True, nogil=True)
@@ -97,10 +100,11 @@ def predict(xy, row, column, out):  # type: ignore[no-untyped-def]
 
 
 @njit("boolean(float32[:, ::1], float64, float64, float64[::1], boolean, float64)", cache=True, nogil=True)
-def looks_like_corner(image, x, y, step, dark, least):  # type: ignore[no-untyped-def]
-    """Whether the four squares around (x, y) alternate, by 2 `least` grey levels, a quarter of their diagonal away.
+def looks_like_corner(image, x, y, step, dark, contrast):  # type: ignore[no-untyped-def]
+    """Whether the four squares around (x, y) alternate clearly, a quarter of their diagonal away.
 
-    step: as from `predict`; dark: colour of the square towards the next column and row.
+    step: as from `predict`; dark: colour of the square towards the next column and row; contrast: of the grid, half the
+    difference of dark and light over their mean.
     """
     h, w = image.shape
     darkest_light, lightest_dark = 1e9, -1e9
@@ -114,14 +118,15 @@ def looks_like_corner(image, x, y, step, dark, least):  # type: ignore[no-untype
                 lightest_dark = max(lightest_dark, image[j, i])
             else:
                 darkest_light = min(darkest_light, image[j, i])
-    return darkest_light - lightest_dark >= 2.0 * least
+    difference = darkest_light - lightest_dark
+    return difference >= max(LEAST_CONTRAST * contrast * (darkest_light + lightest_dark), LEAST_DIFFERENCE)
 
 
 @njit("int64(float64[:, :, ::1], boolean[:, ::1], boolean, float64, float32[:, ::1], float64[:, ::1])", cache=True)
 def snap(xy, wanted, dark, contrast, image, pool):  # type: ignore[no-untyped-def]
     """Sets the `wanted` corners of a grid xy where a saddle of the pool (m, 2) lies as predicted; how many were set.
 
-    dark: colour of the square right of and below corner (0, 0); contrast: of the grid's corners.
+    dark: colour of the square right of and below corner (0, 0); contrast: of the grid.
     """
     rows, columns = xy.shape[:2]
     found = np.full((rows, columns), -1)
@@ -143,7 +148,7 @@ def snap(xy, wanted, dark, contrast, image, pool):  # type: ignore[no-untyped-de
             if nearest < 0:
                 continue
             here = dark ^ ((row + column) % 2 == 1)
-            if looks_like_corner(image, pool[nearest, 0], pool[nearest, 1], step, here, LEAST_CONTRAST * contrast):
+            if looks_like_corner(image, pool[nearest, 0], pool[nearest, 1], step, here, contrast):
                 found[row, column] = nearest
                 count += 1
     for row in range(rows):
@@ -167,10 +172,9 @@ def drop_misfits(xy, dark, contrast, image):  # type: ignore[no-untyped-def]
             down = math.sqrt(step[4] ** 2 + step[5] ** 2)
             off = math.sqrt((xy[row, column, 0] - step[0]) ** 2 + (xy[row, column, 1] - step[1]) ** 2)
             here = dark ^ ((row + column) % 2 == 1)
-            least = LEAST_CONTRAST * contrast
             # Twice the tolerance of a prediction, for a wrong neighbour spoils it too.
             drop[row, column] = off > 2.0 * SNAP * min(across, down) or not looks_like_corner(
-                image, xy[row, column, 0], xy[row, column, 1], step, here, least
+                image, xy[row, column, 0], xy[row, column, 1], step, here, contrast
             )
     count = 0
     for row in range(rows):

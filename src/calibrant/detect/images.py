@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.detect.video import frame_of, frames, read_frame, video_of
 from calibrant.errors import InputError
 
 EXTENSIONS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm", ".pnm", ".jp2")
@@ -18,8 +19,9 @@ EXTENSIONS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm",
 
 
 def expand(paths: Iterable[str | Path] | str | Path) -> list[Path]:
-    """Image files of names, patterns (`images/*.png`) and folders, in the order given, numbers in names by value.
+    """Image files of names, patterns (`images/*.png`), folders and videos, in the order given, numbers by value.
 
+    A video stands for its frames, video.mp4@5 for the sharpest of every five.
     A file that is named twice is taken once.
     Raises: InputError naming the file, pattern or folder that gives no image.
     """
@@ -44,14 +46,17 @@ def _expand_one(path: Path) -> list[Path]:
         if not inside:
             raise InputError(f"the folder {path} holds no images; looked for {', '.join(EXTENSIONS)}")
         return sorted(inside, key=natural_key)
-    if path.exists():
+    video = video_of(path)
+    if video is not None:
+        return frames(*video)
+    if path.exists() or frame_of(path) is not None:
         return [path]
     if has_magic(str(path)):
         matches = [Path(p) for p in glob(str(path), recursive=True)]
         found = [p for p in matches if p.is_file()]
         if not found:
             raise InputError(f"no file matches {path}")
-        return sorted(found, key=natural_key)
+        return [file for match in sorted(found, key=natural_key) for file in _expand_one(match)]
     raise InputError(f"image {path} does not exist")
 
 
@@ -63,6 +68,9 @@ def load_grey(path: str | Path) -> NDArray[np.uint8]:
     Raises: InputError when the file is missing, empty, or no image.
     """
     path = Path(path)
+    frame = frame_of(path)
+    if frame is not None:
+        return to_grey8(read_frame(*frame))
     try:
         data = np.fromfile(path, dtype=np.uint8)
     except FileNotFoundError:

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import AbstractContextManager, nullcontext
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from itertools import repeat
-from multiprocessing import get_context
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from calibrant.data import DEFAULT_CAMERA, Missed, Observations, View
+from calibrant.detect.cache import Cache, key_of
 from calibrant.detect.detection import Detection
+from calibrant.detect.executors import executor_for
 from calibrant.detect.images import expand, load_grey
+from calibrant.detect.likeness import notes_on_likeness
 from calibrant.detect.registry import detector_for
 from calibrant.errors import DetectionError, InputError
 from calibrant.targets.registry import parse_target
@@ -25,9 +26,8 @@ from calibrant.targets.target import Target
 Progress = Callable[[int, int, str], None]
 """Called after each image with how many are done, how many there are, and the file's name."""
 
-WORTH_A_POOL = 40
-"""Images from which two processes save time: a process takes about a second to start, an image some 20 ms."""
-POOL_SIZE = 2
+MIRRORED_LOOKS = 3
+"""Images that are tried in the mirror when none shows the target: a camera mirrors all or none."""
 
 
 @dataclass(frozen=True)
@@ -43,41 +43,50 @@ def detect(
     images: str | Path | Iterable[str | Path],
     *,
     target: Target | str,
-    workers: int | Executor | None = None,
+    workers: int | str | Executor | None = None,
     mirror_x: bool = False,
     camera: str = DEFAULT_CAMERA,
+    cache: str | Path | None = None,
     progress: Progress | None = None,
 ) -> Observations:
     """The target in every image.
 
-    Args: images: files, patterns, folders; target: a target, or its spec; workers: how many processes, or an executor to use (None: two where the
-    images are many); mirror_x: images are flipped left to right before anything else, for cameras that deliver mirror
-    images, and pixels are those of the flipped image; progress: called after each image.
+    Args: images: files, patterns, folders, videos; target: a target, or its spec; workers: how many processes, a Dask
+    scheduler's address, or an executor to use (None: two where the images are many); mirror_x: images are flipped left
+    to right before anything else, for cameras that deliver mirror images, and pixels are those of the flipped image;
+    cache: a folder that keeps what was detected, so that the same images are not searched again; progress: called after
+    each image.
     An image that cannot be read or does not show the target is listed in `missed` with the reason.
     Raises: InputError when no image is given, none can be read, or sizes differ; DetectionError when no image shows the
     target.
     """
     wanted = parse_target(target) if isinstance(target, str) else target
     files = expand(images)
+    kept = None if cache is None else Cache.at(cache)
     done = []
-    with _executor(workers, len(files)) as executor:
-        for result in _run(executor, files, wanted, mirror_x):
-            done.append(result)
-            if progress is not None:
-                progress(len(done), len(files), result.file.name)
+    for result in _run(workers, files, wanted, mirror_x, kept):
+        done.append(result)
+        if progress is not None:
+            progress(len(done), len(files), result.file.name)
+    position = {file: i for i, file in enumerate(files)}
+    done.sort(key=lambda d: position[d.file])
     size = _common_size(done)
     found = [d for d in done if d.detection.found]
     if not found:
-        raise DetectionError(_why_none([d for d in done if d.size is not None], wanted, len(done)))
+        readable = [d for d in done if d.size is not None]
+        mirrored = _found_mirrored([d.file for d in readable], wanted, mirror_x)
+        raise DetectionError(_why_none(readable, wanted, len(done)) + mirrored)
     names = _ids([d.file for d in done])
+    views = tuple(_view(d, names[d.file], wanted, camera) for d in found)
+    notes = [note for d in done for note in d.detection.notes]
     return Observations(
-        views=tuple(_view(d, names[d.file], wanted, camera) for d in found),
+        views=views,
         image_sizes={camera: size},
         target=wanted.spec,
         missed=tuple(
             Missed(names[d.file], d.detection.reason or "", camera, str(d.file)) for d in done if not d.detection.found
         ),
-        notes=tuple(dict.fromkeys(note for d in done for note in d.detection.notes)),
+        notes=tuple(dict.fromkeys([*notes, *notes_on_likeness(views, size[0])])),
     )
 
 
@@ -95,21 +104,35 @@ def detect_file(file: Path, target: Target, mirror_x: bool) -> ImageDetection:
     return ImageDetection(file, (w, h), detector_for(target.kind).detect(grey, target))
 
 
-def _executor(workers: int | Executor | None, count: int) -> AbstractContextManager[Executor | None]:
-    if isinstance(workers, Executor):
-        return nullcontext(workers)
-    if workers is not None and workers < 1:
-        raise InputError(f"workers must be at least 1, got {workers}")
-    number = workers if workers is not None else (POOL_SIZE if count >= WORTH_A_POOL else 1)
-    if min(number, count) <= 1:
-        return nullcontext(None)
-    # Fresh processes: a fork would copy the threads' locks of libraries that this process has already used.
-    return ProcessPoolExecutor(min(number, count), mp_context=get_context("spawn"))
+def _run(
+    workers: int | str | Executor | None, files: Sequence[Path], target: Target, mirror_x: bool, cache: Cache | None
+) -> Iterator[ImageDetection]:
+    """Every file's detection: first those that are kept already, then the others as they are done, in order."""
+    keys: dict[Path, str] = {}
+    todo = []
+    for file in files:
+        key = None if cache is None else key_of(file, target, mirror_x)
+        known = None if cache is None or key is None else cache.get(key)
+        if known is not None:
+            yield ImageDetection(file, *known)
+            continue
+        todo.append(file)
+        if key is not None:
+            keys[file] = key
+    with executor_for(workers, len(todo)) as executor:
+        mapping = map if executor is None else executor.map
+        for result in mapping(detect_file, todo, repeat(target), repeat(mirror_x)):
+            if cache is not None and result.size is not None and result.file in keys:
+                cache.put(keys[result.file], result.size, result.detection)
+            yield result
 
 
-def _run(executor: Executor | None, files: Sequence[Path], target: Target, mirror_x: bool) -> Iterator[ImageDetection]:
-    mapping = map if executor is None else executor.map
-    return iter(mapping(detect_file, files, repeat(target), repeat(mirror_x)))
+def _found_mirrored(files: Sequence[Path], target: Target, mirror_x: bool) -> str:
+    """A sentence to add where the first images show the target in the mirror."""
+    looks = [detect_file(file, target, not mirror_x) for file in files[:MIRRORED_LOOKS]]
+    if not any(d.detection.found for d in looks):
+        return ""
+    return "; it is seen in the mirror image: " + ("leave --mirror-x out" if mirror_x else "give --mirror-x")
 
 
 def _common_size(done: Sequence[ImageDetection]) -> tuple[int, int]:

@@ -134,6 +134,8 @@ def _window(h, w, centre, step, radius, pixels):  # type: ignore[no-untyped-def]
     """Fills the pixels (count, 2) within the window around a centre; returns their count."""
     det = step[0] * step[3] - step[1] * step[2]
     count = 0
+    if det == 0.0:  # a corner so alone that the grid's directions are not known there
+        return count
     for v in range(max(int(centre[1] - radius), 0), min(int(centre[1] + radius) + 2, h)):
         for u in range(max(int(centre[0] - radius), 0), min(int(centre[0] + radius) + 2, w)):
             dx, dy = u - centre[0], v - centre[1]

@@ -54,10 +54,9 @@ def _require_sound(diagnosis: Diagnosis) -> None:
     if not failed:
         return
     words = "; ".join(f"{f.name}: {f.check.message}" for f in failed)
-    cure = (
-        "; calibrant doctor with the same arguments and --apply repairs it" if all(f.proposal for f in failed) else ""
-    )
-    raise RefusedError(f"{words}{cure}")
+    if all(f.proposal for f in failed):
+        words += "; calibrant doctor with the same arguments and --apply calibrates from repaired data"
+    raise RefusedError(words)
 
 
 def _complete(

@@ -154,7 +154,7 @@ def fit_loop(
         Xs, Zs, scale = _moved(Xs, Zs, scale, step, model)
         deviation, rows = _linearised(A, B, Xs, Zs, scale, model)
         before, levels = levels, _levels(deviation, c, used, model, abs(scale) * reach)
-        size = float(np.sqrt(max(step @ normal @ step, 0.0)))
+        size = float(np.sqrt(max(float(step @ normal @ step), 0.0)))
         settled = all(abs(new - old) <= 1e-3 * old for new, old in zip(levels, before))
         if size < SETTLED * np.sqrt(6.0 * n) and settled:
             break

@@ -224,8 +224,8 @@ def judged(fit: LoopFit) -> NDArray[np.bool_]:
 def chosen_by_chance(fit: LoopFit) -> bool:
     """True when leaving out the k views that fit worst of n would look like this in clean data too.
 
-    The mean of their statistics is F(6 k, freedom / 2); any k of the n views could have been left out, so p is multiplied
-    by the number of choices (Bonferroni).
+    The mean of their statistics is F(6 k, freedom / 2); any k of the n views could have been left out, so p is
+    multiplied by the number of choices (Bonferroni).
     """
     n, k = len(fit.used), int((~fit.used).sum())
     mean = float(fit.statistic[~fit.used].mean())

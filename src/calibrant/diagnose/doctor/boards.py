@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc
 
-from calibrant.calibrate.hand_eye.robust import log_misfit
+from calibrant.calibrate.hand_eye.robust import log_misfit, noise_freedom
 from calibrant.diagnose.doctor.case import Case, loop_of
 from calibrant.diagnose.doctor.finding import Evidence, Finding
 from calibrant.diagnose.doctor.significance import CONVINCING, confidence
@@ -25,8 +25,8 @@ Array = NDArray[np.float64]
 
 SQUARE = 1e-3
 """Width and height of a grid that differ by less than this share are equal: then quarter turns are symmetries too."""
-PLAUSIBLE = 1e-4
-"""A turned board must fit as well as one view in ten thousand that is right does worse."""
+PLAUSIBLE = 1e-5
+"""A turned board must fit so well that one right view in a hundred thousand fits worse."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ def examine(case: Case) -> list[Finding]:
 
 def _turned(case: Case, k: int, symmetry: Symmetry) -> tuple[Array, float]:
     """F of view k, and the chance that a right view fits worse than it does then."""
-    fit, freedom = case.robust.fit, max(case.robust.fit.freedom, 1)
+    fit, freedom = case.robust.fit, noise_freedom(case.robust.fit)
     sigma = fit.sigmas[k]
     A, B = case.A[k], case.B[k]
     if symmetry.middle is not None:

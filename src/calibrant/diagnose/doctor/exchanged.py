@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from calibrant.diagnose.doctor.case import Case
 from calibrant.diagnose.doctor.finding import Evidence, Finding
 from calibrant.diagnose.doctor.significance import confidence
+from calibrant.geometry import se3
 
 Array = NDArray[np.float64]
 
@@ -28,6 +29,16 @@ def visible(B: Array) -> NDArray[np.bool_]:
     """Target poses (n, 4, 4) that a camera could see: in front of it and near its axis."""
     t = B[:, :3, 3]
     return np.asarray(t[:, 2] > np.cos(HALF_FIELD) * np.linalg.norm(t, axis=1))
+
+
+def look_inverted(robot: Array, B: Array) -> bool:
+    """True for target poses B that no camera sees, while it would see their inverses, and not the robot poses instead.
+
+    T_target_camera in the other setup closes the loop just as well (B^-1 for B exchanges X and Z): only sense can tell.
+    """
+    return bool(
+        visible(B).mean() < NOT_SEEN and visible(se3.inverse(B)).mean() >= SEEN and visible(robot).mean() < SEEN
+    )
 
 
 def examine(case: Case) -> list[Finding]:

@@ -19,6 +19,7 @@ from calibrant.calibrate.hand_eye.loops import loop_consistency
 from calibrant.calibrate.hand_eye.robust import log_misfit, relative_angles, robust_fit
 from calibrant.data import Check
 from calibrant.diagnose.conventions import ConventionDecision, decide
+from calibrant.diagnose.doctor.exchanged import look_inverted
 from calibrant.diagnose.doctor.finding import Evidence, Finding, Loop
 from calibrant.diagnose.doctor.pairing import Order, congruent_orders, incongruence
 from calibrant.diagnose.doctor.significance import confidence
@@ -66,31 +67,32 @@ def decide_poses(
     `rows`; measured, the target poses were measured elsewhere, so that they may be inverted.
     Raises: RefusedError when the motions determine nothing, or two readings fit equally well.
     """
+    inverted = measured and look_inverted(complete[0].T_base_gripper, B)
+    if inverted:
+        B = se3.inverse(B)
     plain = _decided(complete, B, rows, None, setup)
-    if plain is not None and plain.ok:
-        return _decision(plain, complete, None, inverted=False, setup=setup)
-    trials = [(_decided(complete, B, rows, o, setup), o, False) for o in _orders(complete, B, rows)]
-    inverse = [(_decided(complete, se3.inverse(B), rows, None, setup), None, True)] if measured else []
-    good = [(d, order, inverted) for d, order, inverted in (*trials, *inverse) if d is not None and d.ok]
-    if good:
-        decision, order, inverted = min(good, key=lambda t: _misfit(_chosen(t[0])))
-        return _decision(decision, complete, order, inverted=inverted, setup=setup)
-    if plain is None:
-        plain = decide([r.take(rows.tolist()) for r in complete], B, setup=setup)  # raises what it raised
-    return _by_halves(plain, complete, B, setup)
+    if plain.ok:
+        return _decision(plain, complete, None, inverted=inverted)
+    trials = []
+    for order in _orders(complete, B, rows):
+        try:
+            decision = _decided(complete, B, rows, order, setup)
+        except RefusedError:  # in this order two readings fit equally well: it is not the right one
+            continue
+        if decision.ok:
+            trials.append((decision, order))
+    if trials:
+        decision, order = min(trials, key=lambda t: _misfit(_chosen(t[0])))
+        return _decision(decision, complete, order, inverted=inverted)
+    return _by_halves(plain, complete, B, setup, inverted=inverted)
 
 
 def _decided(
     complete: Sequence[PoseReading], B: Array, rows: Index, order: Order | None, setup: Setup | Literal["auto"]
-) -> ConventionDecision | None:
-    """The decision; None where two readings fit equally well or the motions determine nothing."""
+) -> ConventionDecision:
+    """The decision about the poses in an order (None: as they stand)."""
     taken = rows if order is None else order.rows[rows]
-    try:
-        return decide([r.take(taken.tolist()) for r in complete], B, setup=setup)
-    except RefusedError:
-        if order is None:
-            raise
-        return None
+    return decide([r.take(taken.tolist()) for r in complete], B, setup=setup)
 
 
 def _orders(complete: Sequence[PoseReading], B: Array, rows: Index) -> list[Order]:
@@ -122,7 +124,12 @@ def _misfit(a: Alternative) -> float:
 
 
 def _by_halves(
-    plain: ConventionDecision, complete: Sequence[PoseReading], B: Array, setup: Setup | Literal["auto"]
+    plain: ConventionDecision,
+    complete: Sequence[PoseReading],
+    B: Array,
+    setup: Setup | Literal["auto"],
+    *,
+    inverted: bool,
 ) -> PoseDecision:
     """The reading that closes the loop for the larger half of the views."""
     distinct: dict[tuple[float, float], Alternative] = {}
@@ -138,7 +145,7 @@ def _by_halves(
         if best is None or value < best[0]:
             best = value, a, closes
     if best is None or not best[2]:
-        return _decision(plain, complete, None, inverted=False, setup=setup)
+        return _decision(plain, complete, None, inverted=inverted)
     a = best[1]
     chosen = ConventionDecision(
         a.reading,
@@ -148,7 +155,7 @@ def _by_halves(
         plain.alternatives,
         tuple(f for f in plain.findings if f.name != "no-reading-fits"),
     )
-    return _decision(chosen, complete, None, inverted=False, setup=setup)
+    return _decision(chosen, complete, None, inverted=inverted)
 
 
 def _decision(
@@ -157,23 +164,26 @@ def _decision(
     order: Order | None,
     *,
     inverted: bool,
-    setup: Setup | Literal["auto"],
 ) -> PoseDecision:
     """The decision about all poses, with the findings in words."""
     r = decision.reading
     key = (r.units, r.rotation, r.angle, r.direction, r.by_axis_names)
     full = next(c for c in complete if (c.units, c.rotation, c.angle, c.direction, c.by_axis_names) == key)
-    findings = [*_conventions(decision, complete[0], setup), *(_as_finding(f, decision) for f in decision.findings)]
+    findings = [*_conventions(decision, complete[0]), *(_as_finding(f, decision) for f in decision.findings)]
     if order is not None:
         findings.insert(0, _order_finding(order, decision))
         full = full.take(order.rows.tolist(), full.ids)
     if inverted:
-        message = "the target poses are inverted, T_target_camera where T_camera_target is documented"
-        findings.insert(0, Finding("target-pose-direction", "fail", message, decision.confidence))
+        message = (
+            "the target poses are inverted, T_target_camera where T_camera_target is documented: as they stand, the "
+            "target is not in front of the camera; the loop closes either way, in the other setup"
+        )
+        proposal = "invert the target poses"
+        findings.insert(0, Finding("target-pose-direction", "fail", message, decision.confidence, proposal=proposal))
     return PoseDecision(decision, full, decision.setup, order, inverted, decision.ok, tuple(findings))
 
 
-def _conventions(decision: ConventionDecision, first: PoseReading, setup: str) -> list[Finding]:
+def _conventions(decision: ConventionDecision, first: PoseReading) -> list[Finding]:
     """What differs from the native form, T_base_gripper in metres and quaternions x y z w or matrices."""
     r = decision.reading
     chosen = next(

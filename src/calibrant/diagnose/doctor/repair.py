@@ -20,7 +20,7 @@ def calibrate_repaired(diagnosis: Diagnosis, *, model: str = "brown", fix: Seque
     Where the target's size was estimated, its uncertainty is added: C + J J^T sigma_s^2, J = dX / ds.
     Raises: RefusedError for a fault that only a person can cure, and as `calibrate_hand_eye`.
     """
-    left = [f for f in diagnosis.findings if f.status == "fail" and f.repair is None and not f.proposal]
+    left = [f for f in diagnosis.findings if f.status == "fail" and not f.proposal]
     if left:
         raise RefusedError("; ".join(f"{f.name}: {f.message}" for f in left))
     case = diagnosis.repaired

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc
 
-from calibrant.calibrate.hand_eye.robust import log_misfit
+from calibrant.calibrate.hand_eye.robust import log_misfit, noise_freedom
 from calibrant.diagnose.doctor.case import Case, loop_of
 from calibrant.diagnose.doctor.finding import Evidence, Finding
 from calibrant.diagnose.doctor.significance import confidence
@@ -16,8 +16,8 @@ from calibrant.geometry import se3
 
 Array = NDArray[np.float64]
 
-PLAUSIBLE = 1e-4
-"""A pose in its new place must fit as well as one view in ten thousand that is right does worse."""
+PLAUSIBLE = 1e-5
+"""A pose in its new place must fit so well that one right view in a hundred thousand fits worse."""
 MOST = 60
 """More outlying views than this are no exchanged poses, and matching all with all takes time."""
 
@@ -33,7 +33,7 @@ def examine(case: Case) -> list[Finding]:
     loops = (case.A[out] @ robust.X)[:, None] @ case.B[out]
     deviation = se3.local(robust.Z, loops)
     statistic = np.sum((deviation / fit.sigmas[out]) ** 2, axis=-1) / 6
-    fits = fdtrc(6, max(fit.freedom, 1), statistic) > PLAUSIBLE
+    fits = fdtrc(6, noise_freedom(fit), statistic) > PLAUSIBLE
     poses, images = linear_sum_assignment(np.minimum(np.log(statistic + 1e-6), 1e3))
     place = {int(i): int(p) for p, i in zip(poses, images)}
     cycles = [c for c in _cycles(place) if len(c) > 1 and all(fits[place[i], i] for i in c)]

@@ -138,9 +138,8 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=200)
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
-    print(
-        "| noise | best closed form of OpenCV, mm / deg | joint, mm / deg | ratio | normalised error | noise found (median) | refused | passes |"
-    )
+    print("| noise | best closed form of OpenCV, mm / deg | joint, mm / deg | ratio | normalised error ", end="")
+    print("| noise found (median) | refused | passes |")
     print("|---" * 8 + "|")
     with ProcessPoolExecutor(options.workers) as pool:
         verdicts = [

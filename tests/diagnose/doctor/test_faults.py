@@ -39,6 +39,12 @@ def test_clean_data_raise_no_alarm(pairs: CaseOf, views: CaseOf, scene: str, set
         assert found.repaired is found.case
 
 
+@pytest.mark.parametrize("n", [3, 4, 5, 6, 7])
+def test_few_views_raise_no_alarm_about_the_data(pairs: CaseOf, n: int) -> None:
+    # Few poses are a finding of their own.
+    assert set(names(examine(pairs(hand_eye_scene("good", views=n))))) <= {"poses"}
+
+
 @pytest.mark.parametrize("shift", [1, -1, 2])
 def test_shifted_poses(pairs: CaseOf, shift: int) -> None:
     T = hand_eye_scene("good").robot_poses.T_base_gripper

@@ -71,11 +71,12 @@ def _splits(case: Case, what: What) -> list[_Split]:
     else:
         # A X_i B = Z with Z as the others say: where each view puts the camera.
         d = se3.local(robust.X, se3.inverse(case.A) @ robust.Z @ se3.inverse(case.B))
-    values = np.full(n, np.inf)
+    values = {}
     for k in range(LEAST_PART, n - LEAST_PART + 1):
         parts = [part - np.median(part, axis=0) for part in (d[:k], d[k:])]
-        values[k] = log_misfit(np.concatenate(parts)).sum()
-    return [s for k in np.argsort(values, kind="stable")[:TRIED] if (s := _fitted(case, what, int(k))) is not None]
+        values[k] = float(log_misfit(np.concatenate(parts)).sum())
+    likely = sorted(values, key=lambda k: values[k])[:TRIED]
+    return [s for k in likely if (s := _fitted(case, what, k)) is not None]
 
 
 def _fitted(case: Case, what: What, first: int) -> _Split | None:

@@ -1,0 +1,140 @@
+"""The doctor's command: findings on the screen, new files with --apply, the exit status."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calibrant.cli.application import run
+from calibrant.cli.doctor_run import csv_text
+from calibrant.data import RobotPoses
+from calibrant.formats.poses import read_poses, readings
+from calibrant.simulate.noise import flipped_board
+from calibrant.simulate.scenes import HandEyeScene, hand_eye_scene
+
+Array = NDArray[np.float64]
+
+
+def files(folder: Path, T: Array, B: Array) -> list[str]:
+    """Arguments for poses and target poses written in the native form."""
+    for name, poses in (("poses.csv", T), ("target.csv", B)):
+        ids = tuple(f"{i}.png" for i in range(len(poses)))
+        (folder / name).write_text(csv_text(RobotPoses(ids, poses)))
+    return ["--poses", str(folder / "poses.csv"), "--target-poses", str(folder / "target.csv")]
+
+
+@pytest.fixture(scope="module")
+def scene() -> HandEyeScene:
+    return hand_eye_scene("good", setup="eye-to-hand", views=12)
+
+
+@pytest.fixture
+def faulty(tmp_path: Path, scene: HandEyeScene) -> list[str]:
+    """Poses one row late and one board flipped."""
+    B = scene.measured_T_camera_target.copy()
+    B[4] = flipped_board(scene.points, B[4])
+    return files(tmp_path, np.roll(scene.robot_poses.T_base_gripper, 1, axis=0), B)
+
+
+def test_clean_data(tmp_path: Path, scene: HandEyeScene, capsys: pytest.CaptureFixture[str]) -> None:
+    given = files(tmp_path, scene.robot_poses.T_base_gripper, scene.measured_T_camera_target)
+    assert run(["doctor", *given]) == 0
+    assert "nothing wrong found" in capsys.readouterr().out
+
+
+def test_faults_are_named_and_the_status_is_1(
+    tmp_path: Path, faulty: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, report = tmp_path / "doctor.json", tmp_path / "doctor.html"
+    before = {p: p.read_bytes() for p in tmp_path.iterdir()}
+    assert run(["doctor", *faulty, "--out", str(out), "--report", str(report)]) == 1
+    text = capsys.readouterr()
+    assert "FAULT  poses-shifted" in text.out
+    assert "board-flipped" in text.out
+    assert "proposed: number its corners from the other end" in text.out
+    assert text.err.startswith("calibrant: the data are not fit for calibration: poses-shifted")
+    assert "--apply" in text.err
+    found = json.loads(out.read_text())["options"]["findings"]
+    assert [f["name"] for f in found] == ["poses-shifted", "board-flipped"]
+    assert found[1]["views"] == ["4.png"]
+    assert found[1]["loop_before"]["mm"] > 10 > found[1]["loop_after"]["mm"]
+    page = report.read_text()
+    assert "poses-shifted" in page
+    assert page.count("<svg") == 2
+    assert "http" not in page
+    assert {p: p.read_bytes() for p in before} == before  # nothing that was read is touched
+
+
+def test_hand_eye_refuses_what_the_doctor_calls_a_fault(faulty: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["hand-eye", *faulty]) == 1
+    message = capsys.readouterr().err
+    assert "poses-shifted: the poses stand one row too late" in message
+    assert "calibrant doctor with the same arguments and --apply" in message
+
+
+def test_hand_eye_says_a_flipped_board(tmp_path: Path, scene: HandEyeScene, capsys: pytest.CaptureFixture[str]) -> None:
+    B = scene.measured_T_camera_target.copy()
+    B[4] = flipped_board(scene.points, B[4])
+    assert run(["hand-eye", *files(tmp_path, scene.robot_poses.T_base_gripper, B), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    check = next(c for c in result["checks"] if c["name"] == "board-flipped")
+    assert check["status"] == "warn"
+    assert "4.png" in check["message"]
+    assert result["verdict"] == "warn"
+
+
+def test_apply_calibrates_from_repaired_data(
+    tmp_path: Path, scene: HandEyeScene, faulty: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, poses = tmp_path / "result.json", tmp_path / "repaired.csv"
+    assert run(["doctor", *faulty, "--apply", "--out", str(out), "--repaired-poses", str(poses)]) == 0
+    assert "repaired: the poses stand one row too late" in " ".join(capsys.readouterr().out.split())
+    result = json.loads(out.read_text())
+    assert result["kind"] == "hand-eye"
+    matrix = np.array(result["transforms"][0]["matrix"])
+    sigma = 1e-3 * np.array(result["transforms"][0]["sigma_translation_mm"])
+    assert np.all(np.abs(matrix[:3, 3] - scene.X[:3, 3]) < 4 * sigma)
+    again = readings(read_poses(poses))[0].T_base_gripper
+    np.testing.assert_allclose(again, scene.robot_poses.T_base_gripper, atol=1e-12)
+    assert {c["name"] for c in result["checks"]} >= {"poses-shifted", "board-flipped"}
+
+
+def test_json_goes_alone_to_standard_output(faulty: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["doctor", *faulty, "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["kind"] == "doctor"
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (["--repaired-poses", "new.csv"], "--repaired-poses goes with --apply"),
+        (["--setup", "eye"], "unknown setup 'eye'"),
+    ],
+)
+def test_arguments_that_cannot_be_used(
+    faulty: list[str], more: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["doctor", *faulty, *more]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_repaired_poses_never_replace_an_input(faulty: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["doctor", *faulty, "--apply", "--force", "--repaired-poses", faulty[1]]) == 2
+    assert "is an input" in capsys.readouterr().err
+
+
+def test_degenerate_motions_are_refused_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = hand_eye_scene("parallel-axes")
+    assert run(["doctor", *files(tmp_path, scene.robot_poses.T_base_gripper, scene.measured_T_camera_target)]) == 1
+    assert "parallel-axes: all rotations turn about one axis" in capsys.readouterr().err
+
+
+def test_exchanged_files_are_said(tmp_path: Path, scene: HandEyeScene, capsys: pytest.CaptureFixture[str]) -> None:
+    T = scene.robot_poses.T_base_gripper
+    swapped = files(tmp_path, scene.measured_T_camera_target, T)
+    assert run(["doctor", *swapped]) == 1
+    assert "poses-exchanged" in capsys.readouterr().err

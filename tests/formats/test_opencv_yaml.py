@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from calibrant.cameras import Camera
+from calibrant.cameras import Camera, camera_model
 from calibrant.errors import InputError
 from calibrant.formats.camera_files import read_camera
 from calibrant.formats.opencv_storage import read_json, read_xml, read_yaml, yaml_text
@@ -128,3 +128,20 @@ def test_broken_files_are_named_with_their_line(tmp_path: Path, text: str, messa
     path.write_text(text)
     with pytest.raises(InputError, match=message):
         read_camera(path)
+
+
+@pytest.mark.parametrize("model", ["pinhole_skew", "rational", "thin_prism", "tilted", "kannala_brandt", "unified"])
+def test_opencvs_other_models_come_back(tmp_path: Path, model: str) -> None:
+    kind = camera_model(model)
+    values = np.concatenate([[500.0, 501.0, 320.0, 240.0], 0.01 * np.arange(1.0, len(kind.parameter_names) - 3)])
+    camera = Camera(kind, (640, 480), values)
+    back = read_camera(write_intrinsics(camera, tmp_path / "Intr.yml"))
+    assert back.model.name == model
+    np.testing.assert_array_equal(back.values, values)
+
+
+def test_a_model_that_opencv_lacks_is_refused(tmp_path: Path) -> None:
+    camera = Camera.create("double_sphere", {"fx": 5, "fy": 5, "cx": 1, "cy": 2}, image_size=(64, 48))
+    with pytest.raises(InputError, match="double_sphere camera cannot be written as OpenCV YAML"):
+        write_intrinsics(camera, tmp_path / "Intr.yml")
+    assert not (tmp_path / "Intr.yml").exists()

@@ -32,6 +32,8 @@ COARSE_SIDE_PX = 800
 LEAST_CORNERS = 4
 # One marker may show by chance what it should; two, where the corners put them, do not.
 LEAST_MARKERS = 2
+# A marker seen anywhere on the board has all of it within this many boards' lengths, with room for perspective.
+REACH_BOARDS = 1.2
 # Markers read with another id than the place's: one in five may be misread; more, and this is another board.
 OTHER_MARKERS = 0.2
 
@@ -68,18 +70,33 @@ class CharucoDetector:
 
 
 def _searches(grey: Grey, target: Charuco) -> Iterator[Markers]:
-    """Markers found with more and more effort; the last effort is made only where some marker was seen before."""
+    """Markers found with more and more effort: the whole picture once at each size, then where some were seen."""
     factor = max(1, round(max(grey.shape) / COARSE_SIDE_PX))
-    seen = 0
+    seen = Markers.of((), None)
     while factor > 1:
-        markers = find_markers(grey, target.dictionary, factor=factor, windows=FINE_WINDOWS)
-        seen += len(markers)
+        markers = _in_region(grey, target, seen, windows=FINE_WINDOWS, factor=factor)
         yield markers
+        seen = markers if len(markers) > len(seen) else seen
         factor //= 2
-    markers = find_markers(grey, target.dictionary, windows=MIDDLE_WINDOWS)
+    markers = _in_region(grey, target, seen, windows=MIDDLE_WINDOWS)
     yield markers
-    if seen + len(markers):
-        yield find_markers(grey, target.dictionary, windows=ALL_WINDOWS)
+    seen = markers if len(markers) > len(seen) else seen
+    if len(seen):
+        yield _in_region(grey, target, seen, windows=ALL_WINDOWS)
+
+
+def _in_region(grey: Grey, target: Charuco, seen: Markers, *, windows: tuple[int, ...], factor: int = 1) -> Markers:
+    """Markers in the part of the picture that a board with the markers seen can reach; in all of it before any was."""
+    on_board = seen.subset(seen.ids < target.marker_count)
+    if len(on_board) < LEAST_MARKERS:
+        return find_markers(grey, target.dictionary, factor=factor, windows=windows)
+    side = np.linalg.norm(np.roll(on_board.corners, 1, axis=1) - on_board.corners, axis=2).max()
+    reach = REACH_BOARDS * side * target.square / target.marker * max(target.columns, target.rows)
+    low = np.maximum(np.floor(on_board.corners.min(axis=(0, 1)) - reach), 0).astype(int)
+    high = np.ceil(on_board.corners.max(axis=(0, 1)) + reach).astype(int) + 1
+    part = np.ascontiguousarray(grey[low[1] : high[1], low[0] : high[0]])
+    found = find_markers(part, target.dictionary, factor=factor, windows=windows)
+    return Markers(found.ids, found.corners + low)
 
 
 def _best_board(grey: Grey, target: Charuco, markers: Markers) -> _Board | None:

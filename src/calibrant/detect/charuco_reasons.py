@@ -25,7 +25,7 @@ _FAMILIES = (
 _LEAST_OTHER_MARKERS = 3
 # A board of another dictionary is named from an image of about this many pixels along its longer side: it is looked for
 # in every picture without the board, and must cost little there.
-_LOOK_SIDE_PX = 640
+_LOOK_SIDE_PX = 420
 
 
 def why_not_found(grey: Grey, target: Charuco, markers: Markers) -> Detection:
@@ -48,15 +48,15 @@ def why_not_found(grey: Grey, target: Charuco, markers: Markers) -> Detection:
             f"{on_board} markers of the board seen, but they do not lie as on a board of {size} squares, or too few "
             "corners between them are in the picture; check the size in squares and its order, columns x rows"
         )
+    if on_board:
+        return Detection.nothing(
+            f"only {on_board} of the board's {last + 1} markers seen, two that touch the same corners are needed"
+        )
     other = _other_dictionary(grey, target)
     if other is not None:
         return Detection.nothing(
             f"markers of {other} seen, you asked for {target.dictionary}",
             looks_like=f"a ChArUco board with {other}",
-        )
-    if on_board:
-        return Detection.nothing(
-            f"only {on_board} of the board's {last + 1} markers seen, two that touch the same corners are needed"
         )
     return Detection.nothing(f"no markers of {target.dictionary} seen")
 

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from itertools import repeat
 from pathlib import Path
 
 import cv2
@@ -121,7 +120,8 @@ def _run(
             keys[file] = key
     with executor_for(workers, len(todo)) as executor:
         mapping = map if executor is None else executor.map
-        for result in mapping(detect_file, todo, repeat(target), repeat(mirror_x)):
+        # Lists, not endless repeats: Dask's executor asks for their lengths.
+        for result in mapping(detect_file, todo, [target] * len(todo), [mirror_x] * len(todo)):
             if cache is not None and result.size is not None and result.file in keys:
                 cache.put(keys[result.file], result.size, result.detection)
             yield result

@@ -97,7 +97,9 @@ def over_volume(transform: TransformEstimate, low: ArrayLike, high: ArrayLike, *
     """
     a, b = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
     if a.shape != (3,) or b.shape != (3,) or not np.all(np.isfinite([a, b])) or np.any(b < a):
-        raise InputError(f"a working volume is two corners (3,) with low <= high, metres, got {low} and {high}")
+        raise InputError(
+            f"a working volume is two corners (3,) with low <= high, metres, got {a.tolist()} and {b.tolist()}"
+        )
     axes = [np.linspace(x, y, steps if y > x else 1) for x, y in zip(a, b)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     C = of_point(transform, points)

@@ -118,11 +118,11 @@ def tip_by_sight(
     r, J, J_seen = _sight(T_camera_flange, camera, pixels, p)
     N = np.linalg.inv(J.T @ J)
     sigma = float(np.sqrt(r @ r / (2 * n - 3)))
-    covariance = sigma**2 * N
+    covariance = np.asarray(sigma**2 * N, dtype=np.float64)
     if base_camera.covariance is not None:
         J_camera = J_seen @ _seen_from_camera(base_camera.matrix, T_camera_flange, p)
         G = -N @ J.T @ J_camera.reshape(-1, 6)
-        covariance = covariance + G @ base_camera.covariance @ G.T
+        covariance += G @ base_camera.covariance @ G.T
     return ToolTip(p, covariance, np.linalg.norm(r.reshape(-1, 2), axis=1), sigma, "px", poses.ids)
 
 

@@ -173,6 +173,7 @@ def _place(
     row_of = np.zeros(n, dtype=np.int64)
     for b in range(len(distinct)):
         row_of[batch_of == b] = np.arange(np.sum(batch_of == b))
+    batches = tuple((size, int(np.sum(batch_of == b))) for b, size in enumerate(distinct))
     placements: list[Placement | None] = []
     shared = 0
     for i, variable in enumerate(variables):
@@ -181,7 +182,7 @@ def _place(
         elif i in eliminated:
             labels = components[i]
             placements.append(
-                _eliminated(batch_of[labels].astype(np.int64), row_of[labels], offsets[i], variable, distinct)
+                _eliminated(batch_of[labels].astype(np.int64), row_of[labels], offsets[i], variable, batches)
             )
         else:
             columns = shared + variable.free_dim * np.arange(variable.count)
@@ -195,12 +196,15 @@ def _place(
                     SHARED,
                 )
             )
-    batches = tuple((size, int(np.sum(batch_of == b))) for b, size in enumerate(distinct))
     return tuple(placements), batches, shared
 
 
-def _eliminated(batch: Indices, row: Indices, offset: Indices, variable: Variable, sizes: Sequence[int]) -> Placement:
-    whole = sizes[batch[0]] == variable.free_dim and bool(np.all(batch == batch[0])) and _in_order(row, len(row))
+def _eliminated(
+    batch: Indices, row: Indices, offset: Indices, variable: Variable, batches: Sequence[tuple[int, int]]
+) -> Placement:
+    # Another variable's instances may share the batch: the variable fills it only when it has as many components.
+    filled = batches[batch[0]] == (variable.free_dim, len(row)) and bool(np.all(batch == batch[0]))
+    whole = filled and _in_order(row, len(row))
     return Placement(batch, row, offset, variable.free_dim, int(batch[0]) if whole else None)
 
 

@@ -22,6 +22,7 @@ def detect(
     mirror_x: o.MirrorX = False,
     exclude: o.Exclude = None,
     workers: o.Workers = None,
+    cache: o.Cache = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -53,7 +54,7 @@ def detect(
 
     outputs = session.Outputs(out=out, json=json, quiet=quiet, force=force)
     outputs.check()
-    source = Source(tuple(images or ()), target, None, o.split_names(exclude), mirror_x, workers, quiet or json)
+    source = Source(tuple(images or ()), target, None, o.split_names(exclude), mirror_x, workers, quiet or json, cache)
     files = source.files()
     outputs.spare(files)
     _check_folder(overlays)

@@ -70,6 +70,7 @@ def doctor(
     mirror_x: o.MirrorX = False,
     exclude: o.Exclude = None,
     workers: o.Workers = None,
+    cache: o.Cache = None,
     out: o.Out = None,
     report: o.Report = None,
     json: o.Json = False,
@@ -105,6 +106,7 @@ def doctor(
         mirror_x=mirror_x,
         exclude=o.split_names(exclude),
         workers=workers,
+        cache=cache,
         quiet=quiet or json,
         arm=RobotChoice(robot, robot_link, robot_base, joint_angle, robot_format),
     )

@@ -43,7 +43,8 @@ class Request:
     fix: tuple[str, ...] = ()
     mirror_x: bool = False
     exclude: tuple[str, ...] = ()
-    workers: int | None = None
+    workers: str | None = None
+    cache: str | None = None
     quiet: bool = False
     arm: RobotChoice = field(default_factory=RobotChoice)
 
@@ -51,7 +52,14 @@ class Request:
     def source(self) -> Source:
         """Where the points come from."""
         return Source(
-            self.images, self.target, self.observations, self.exclude, self.mirror_x, self.workers, self.quiet
+            self.images,
+            self.target,
+            self.observations,
+            self.exclude,
+            self.mirror_x,
+            self.workers,
+            self.quiet,
+            self.cache,
         )
 
 

@@ -38,6 +38,7 @@ def intrinsics(
     ] = "flat",
     exclude: o.Exclude = None,
     workers: o.Workers = None,
+    cache: o.Cache = None,
     out: o.Out = None,
     opencv_yaml: Annotated[
         Path | None,
@@ -65,7 +66,9 @@ def intrinsics(
     outputs = session.Outputs(out, report, json, quiet, force, opencv)
     outputs.check()
     limit = o.pixels(max_error, option="--max-error")
-    source = Source(tuple(images or ()), target, observations, o.split_names(exclude), mirror_x, workers, quiet or json)
+    source = Source(
+        tuple(images or ()), target, observations, o.split_names(exclude), mirror_x, workers, quiet or json, cache
+    )
     files = source.files()
     inputs = [*source.inputs(files), *([initial] if initial else [])]
     outputs.spare(inputs)

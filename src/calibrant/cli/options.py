@@ -65,8 +65,19 @@ MirrorX = Annotated[
     bool, typer.Option("--mirror-x", help="The camera delivers mirror images: flip them left to right.")
 ]
 Workers = Annotated[
-    int | None, typer.Option("--workers", metavar="N", help="Processes that detect.", min=1, show_default=False)
-]
+    str | None,
+    typer.Option(
+        "--workers", metavar="N", show_default=False,
+        help="Processes that detect, or a Dask scheduler's address: tcp://HOST:PORT.",
+    ),
+]  # fmt: skip
+Cache = Annotated[
+    str | None,
+    typer.Option(
+        "--cache", metavar="DIR", show_default=False,
+        help="Keep what was detected in this folder (else in the user's cache folder); none: keep nothing.",
+    ),
+]  # fmt: skip
 
 Robot = Annotated[
     str | None,

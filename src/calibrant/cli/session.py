@@ -123,16 +123,42 @@ def file_records(files: Iterable[str | Path]) -> tuple[dict[str, str], ...]:
 
 
 def detect_boards(
-    files: Sequence[Path], target: str, *, mirror_x: bool, workers: int | None, quiet: bool, camera: str = "camera"
+    files: Sequence[Path],
+    target: str,
+    *,
+    mirror_x: bool,
+    workers: str | None,
+    quiet: bool,
+    cache: str | None = None,
+    camera: str = "camera",
 ) -> Observations:
-    """Find the target in every file, with progress."""
+    """Find the target in every file, with progress. Args: cache: as `cache_folder` takes it."""
     from calibrant.detect import detect
     from calibrant.targets.registry import parse_target
 
     with progress("Finding boards", quiet=quiet) as step:
         return detect(
-            files, target=parse_target(target), mirror_x=mirror_x, workers=workers, camera=camera, progress=step
+            files,
+            target=parse_target(target),
+            mirror_x=mirror_x,
+            workers=workers,
+            camera=camera,
+            cache=cache_folder(cache),
+            progress=step,
         )
+
+
+def cache_folder(given: str | None) -> Path | None:
+    """The folder that keeps detections: the one given, none for that word, else the user's own if it can be used."""
+    from calibrant.detect.cache import Cache, default_folder
+
+    if given is not None:
+        return None if given == "none" else Path(given)
+    try:
+        return Cache.at(default_folder()).folder
+    except InputError:
+        # A user without a home of their own (a service, a container) has nothing kept, and needs nothing done.
+        return None
 
 
 def with_misses(result: CalibrationResult) -> CalibrationResult:

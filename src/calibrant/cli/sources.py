@@ -26,8 +26,9 @@ class Source:
     observations: Path | None = None
     exclude: tuple[str, ...] = ()
     mirror_x: bool = False
-    workers: int | None = None
+    workers: str | None = None
     quiet: bool = False
+    cache: str | None = None
 
     def files(self) -> list[Path]:
         """The photos, without those excluded; none when the points are read from a file.
@@ -57,7 +58,12 @@ class Source:
         """The observations: of `files`, which `files()` gave, or of the file of points. Raises: InputError."""
         if self.observations is None:
             return session.detect_boards(
-                files, self.target or "", mirror_x=self.mirror_x, workers=self.workers, quiet=self.quiet
+                files,
+                self.target or "",
+                mirror_x=self.mirror_x,
+                workers=self.workers,
+                quiet=self.quiet,
+                cache=self.cache,
             )
         from calibrant.data.result_file import read_observations
 

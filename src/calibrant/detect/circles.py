@@ -61,7 +61,9 @@ class CirclesDetector:
         seen: list[tuple[int, int]] = []
         for negative in (target.inverted, not target.inverted):
             picture = np.asarray(255 - grey, np.uint8) if negative else grey
-            for spots in _searches(picture):
+            # A wrong colour in the spec is looked for with the likeliest windows alone.
+            windows = WINDOWS if negative == target.inverted else WINDOWS[:2]
+            for spots in _searches(picture, windows):
                 for lattice in grow_lattices(spots, with_big=target.bigdot):
                     placement = place(target, lattice, spots.uv[lattice.spots], (grey.shape[1], grey.shape[0]))
                     if isinstance(placement, str):
@@ -73,12 +75,12 @@ class CirclesDetector:
         return _not_found(seen, target)
 
 
-def _searches(grey: Grey) -> Iterator[Spots]:
+def _searches(grey: Grey, windows: tuple[float, ...]) -> Iterator[Spots]:
     """Spots at one scale after the other, and with windows of several sizes at each."""
     first = max(1, round(max(grey.shape) / FIRST_LONGEST_PX))
     for factor in dict.fromkeys((first, 1)):
         level = np.ascontiguousarray(shrink(grey, factor))
-        for part in WINDOWS:
+        for part in windows:
             window = max(9, round(part * max(level.shape)))
             yield find_spots(level, window_px=window).scaled(factor)
 

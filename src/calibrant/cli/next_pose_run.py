@@ -186,7 +186,8 @@ def _print(request: Request, plan: Plan, chain: ParametricChain) -> None:
     what = "The camera's position" if request.wanted == "camera" else "A point that the camera sees"
     now = _figure(plan.before.sigma_mm)
     console = Console()
-    console.print(f"{what} is known to {'nothing yet' if now == '–' else f'{now} mm'} before (1σ, worst direction).")
+    state = "nothing is known yet." if now == "–" else f"known to {now} mm (1σ, worst direction)."
+    console.print(f"{what}: {state}")
     console.print(table)
     if request.out is not None:
         console.print(f"{request.out}: poses (T_base_gripper, metres) and joint values (radians, metres).")

@@ -11,7 +11,13 @@ from calibrant.report.numbers import plain, sigma_text
 
 STATUS_WORDS = {"ok": "ok", "warn": "warning", "fail": "FAILED"}
 VERDICT_WORDS = {"ok": "GOOD", "warn": "USE WITH CARE", "refused": "DO NOT USE"}
-KIND_TITLES = {"intrinsics": "Camera calibration", "hand-eye": "Hand-eye calibration"}
+KIND_TITLES = {
+    "intrinsics": "Camera calibration",
+    "hand-eye": "Hand-eye calibration",
+    "tool": "Tool calibration",
+    "dynamic": "Dynamic calibration",
+    "self-visibility": "Hand camera by self-visibility",
+}
 
 _SEVERITY = {"fail": 0, "warn": 1, "ok": 2}
 

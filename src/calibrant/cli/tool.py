@@ -1,0 +1,154 @@
+"""`calibrant tool`: where the tool's tip is on the flange, and a hand camera from the gripper that it sees."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from calibrant.cli import options as o
+
+app = typer.Typer(
+    help="Find a tool's tip, by touch or by sight, or a hand camera from the gripper it sees.", no_args_is_help=True
+)
+
+Poses = Annotated[
+    list[str],
+    typer.Option("--poses", metavar="FILES", help="File of robot poses, or one file a pose.", show_default=False),
+]
+Units = Annotated[str, typer.Option("--pose-units", metavar="UNIT", help="auto, mm or m.")]
+Rotation = Annotated[
+    str, typer.Option("--pose-rotation", metavar="FORM", help="auto, quat-xyzw, rotvec, euler:ZYX …, matrix.")
+]
+Angle = Annotated[str, typer.Option("--pose-angle", metavar="UNIT", help="auto, deg or rad.")]
+Direction = Annotated[str, typer.Option("--pose-direction", metavar="NAME", help="auto, base-gripper or gripper-base.")]
+TouchDirection = Annotated[
+    str,
+    typer.Option(
+        "--pose-direction", metavar="NAME", help="base-gripper or gripper-base: inverted poses close as well."
+    ),
+]
+
+
+@app.command("touch")
+def touch(
+    poses: Poses,
+    robot: o.Robot = None,
+    robot_link: o.RobotLink = None,
+    robot_base: o.RobotBase = None,
+    joint_angle: o.JointAngle = "auto",
+    robot_format: o.RobotFormat = None,
+    pose_units: Units = "auto",
+    pose_rotation: Rotation = "auto",
+    pose_angle: Angle = "auto",
+    pose_direction: TouchDirection = "base-gripper",
+    out: o.Out = None,
+    json: o.Json = False,
+    quiet: o.Quiet = False,
+    force: o.Force = False,
+    debug: o.Debug = False,
+) -> None:
+    """The tip from four or more poses in which it touches one and the same point.
+
+    calibrant tool touch --poses touches.csv --out tool.json
+    """
+    from calibrant.cli import session, tool_run
+    from calibrant.cli.pose_choice import PoseForm
+    from calibrant.cli.robot_choice import RobotChoice
+
+    outputs = session.Outputs(out, None, json, quiet, force)
+    outputs.check()
+    outputs.spare(poses)
+    form = PoseForm(pose_units, pose_rotation, pose_angle, pose_direction)
+    arm = RobotChoice(robot, robot_link, robot_base, joint_angle, robot_format)
+    session.finish(tool_run.touched(tuple(poses), form, arm), outputs)
+
+
+@app.command("seen")
+def seen(
+    poses: Poses,
+    pixels: Annotated[
+        Path,
+        typer.Option(
+            "--pixels", metavar="FILE.csv", show_default=False,
+            help="Where the camera sees the tip at each pose: columns image, u, v.",
+        ),
+    ],
+    result: Annotated[
+        Path,
+        typer.Option(
+            "--result", metavar="FILE", show_default=False,
+            help="The camera that stands still: a hand-eye result, eye-to-hand.",
+        ),
+    ],
+    robot: o.Robot = None,
+    robot_link: o.RobotLink = None,
+    robot_base: o.RobotBase = None,
+    joint_angle: o.JointAngle = "auto",
+    robot_format: o.RobotFormat = None,
+    pose_units: Units = "auto",
+    pose_rotation: Rotation = "auto",
+    pose_angle: Angle = "auto",
+    pose_direction: Direction = "auto",
+    out: o.Out = None,
+    json: o.Json = False,
+    quiet: o.Quiet = False,
+    force: o.Force = False,
+    debug: o.Debug = False,
+) -> None:  # fmt: skip
+    """The tip from three or more poses in which a calibrated camera that stands still sees it.
+
+    calibrant tool seen --poses poses.csv --pixels tip.csv --result hand-eye.json
+    """
+    from calibrant.cli import session, tool_run
+    from calibrant.cli.pose_choice import PoseForm
+    from calibrant.cli.robot_choice import RobotChoice
+
+    outputs = session.Outputs(out, None, json, quiet, force)
+    outputs.check()
+    outputs.spare([*poses, pixels, result])
+    form = PoseForm(pose_units, pose_rotation, pose_angle, pose_direction)
+    arm = RobotChoice(robot, robot_link, robot_base, joint_angle, robot_format)
+    session.finish(tool_run.seen(tuple(poses), form, arm, pixels, result), outputs)
+
+
+@app.command("self-visibility")
+def self_visibility(
+    image: Annotated[
+        Path,
+        typer.Option(
+            "--image", metavar="FILE", show_default=False,
+            help="A photo by the hand camera of the board with the gripper flat on it.",
+        ),
+    ],
+    features: Annotated[
+        Path,
+        typer.Option(
+            "--features", metavar="FILE.csv", show_default=False,
+            help="Two or more gripper features: u, v in the photo, x_mm, y_mm, z_mm in the gripper (z 0 on the board).",
+        ),
+    ],
+    camera: Annotated[
+        Path, typer.Option("--camera", metavar="FILE", help="The hand camera (any format).", show_default=False)
+    ],
+    target: o.Target = None,
+    sigma_px: Annotated[str, typer.Option("--sigma-px", metavar="LENGTH", help="Noise of a feature.")] = "0.5px",
+    out: o.Out = None,
+    json: o.Json = False,
+    quiet: o.Quiet = False,
+    force: o.Force = False,
+    debug: o.Debug = False,
+) -> None:  # fmt: skip
+    """Where a hand camera sits, from one photo: the robot does not move.
+
+    calibrant tool self-visibility --image photo.png --features features.csv --camera camera.json --target
+    chessboard:9x6:25mm
+    """
+    from calibrant.cli import session, tool_run
+
+    outputs = session.Outputs(out, None, json, quiet, force)
+    outputs.check()
+    outputs.spare([image, features, camera])
+    noise = o.pixels(sigma_px, option="--sigma-px") or 0.0
+    session.finish(tool_run.self_visible(image, features, camera, target, noise, quiet=quiet or json), outputs)

@@ -38,7 +38,7 @@ WINDOW_PX = 6.0
 known to 0.01 px; time grows with its square, and so does the pull of edges bent by the lens."""
 WINDOWS_OF_BLUR = 3.0
 """Half width of the window over the blur: an edge reaches its full contrast within it."""
-LEAST_SEEN = 0.8
+LEAST_SEEN = 0.7
 """Of a board's corners; the others may be hidden by glare or a finger. With fewer, its extent is a guess."""
 LEAST_COUNT = 24
 """Smaller boards must be seen whole: a few squares that alternate are found in any mosaic."""
@@ -55,11 +55,6 @@ class _Found:
     grid: Grid
     factor: int
 
-    @property
-    def area(self) -> float:
-        points = self.grid.xy[self.grid.known]
-        return float(np.prod(np.ptp(points, axis=0))) if len(points) else 0.0
-
 
 class ChessboardDetector:
     """Detector of `Chessboard` targets."""
@@ -72,33 +67,26 @@ class ChessboardDetector:
         if not isinstance(target, Chessboard):
             raise InputError(f"the chessboard detector was given a target of kind {target.kind!r}")
         seen: list[_Found] = []
-        best = Detection.nothing("")
+        best: Detection | None = None
         for found in _at_every_scale(grey, target):
-            seen += found
-            detection = _largest_match(grey, found, target)
+            seen.append(found)
+            if found.grid.goes_on or sorted(found.grid.shape) != sorted((target.rows, target.columns)):
+                continue
+            detection = _numbered(grey, found, target)
             if len(detection.uv) == len(target.points):
                 return detection
             # A corner that one scale loses in blur or noise, another may show.
-            best = max(best, detection, key=lambda d: len(d.uv))
-        return best if best.found else _not_found(seen, target)
+            if best is None or len(detection.uv) > len(best.uv):
+                best = detection
+        return _not_found(seen, target) if best is None else best
 
 
-def _at_every_scale(grey: Grey, target: Chessboard) -> Iterator[list[_Found]]:
-    """Grids found with each scale and number of saddles, one after the other."""
+def _at_every_scale(grey: Grey, target: Chessboard) -> Iterator[_Found]:
+    """Grids found at each scale, from the pronounced saddles and from all, one after the other."""
     for factor in scales(grey.shape[1], grey.shape[0]):
         level = _level(grey, factor)
         for most in (FEW * target.rows * target.columns + FEWEST, MOST_CANDIDATES):
-            yield _grids(level, factor, most, target)
-
-
-def _largest_match(grey: Grey, found: list[_Found], target: Chessboard) -> Detection:
-    """Corners of the largest grid in the picture that has the target's size and ends where the target does."""
-    for candidate in sorted(found, key=lambda f: -f.area):
-        if not candidate.grid.goes_on and sorted(candidate.grid.shape) == sorted((target.rows, target.columns)):
-            detection = _numbered(grey, candidate, target)
-            if detection.found:
-                return detection
-    return Detection.nothing("no grid of this size")
+            yield from _grids(level, factor, most, target)
 
 
 def scales(width: int, height: int) -> list[int]:
@@ -117,12 +105,13 @@ def _level(grey: Grey, factor: int) -> Grey:
     return np.asarray(cv2.resize(grey[: h * factor, : w * factor], (w, h), interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def _grids(level: Grey, factor: int, most: int, target: Chessboard) -> list[_Found]:
+def _grids(level: Grey, factor: int, most: int, target: Chessboard) -> Iterator[_Found]:
     corners = find_corners(level, most=most)
-    grids = grow_grids(corners, neighbours(corners), least=min(6, target.rows * target.columns // 2))
     # Pixel i of the small image covers pixels factor * i ... factor * (i + 1) - 1 of the large one.
     shift = 0.5 * (factor - 1)
-    return [_Found(replace(g, xy=factor * g.xy + shift), factor) for g in grids if g.known.sum() >= 4]
+    for grid in grow_grids(corners, neighbours(corners), least=min(6, target.rows * target.columns // 2)):
+        if grid.known.any():
+            yield _Found(replace(grid, xy=factor * grid.xy + shift), factor)
 
 
 def _numbered(grey: Grey, found: _Found, target: Chessboard) -> Detection:
@@ -194,14 +183,12 @@ def _not_found(others: list[_Found], target: Chessboard) -> Detection:
     seen = [f for f in others if f.grid.known.sum() >= LEAST_LOOK and f.grid.known.mean() >= LEAST_SEEN]
     if not seen:
         return Detection.nothing(f"no chessboard of {asked} inner corners was found")
-    rows, columns = max(seen, key=lambda f: f.area).grid.shape
+    rows, columns = max(seen, key=lambda f: f.grid.area).grid.shape
     if (rows > columns) != (target.rows > target.columns):
         rows, columns = columns, rows
     if (rows, columns) == (target.rows, target.columns):
-        if any(f.grid.goes_on for f in seen):
-            return Detection.nothing(
-                f"{asked} corners were seen, but the pattern goes on beyond them: it is larger than {asked}, or a floor"
-            )
-        return Detection.nothing("the board was seen but its corners are too blurred or too noisy to be measured")
+        return Detection.nothing(
+            f"{asked} corners were seen, but the pattern goes on beyond them: it is larger than {asked}, or a floor"
+        )
     size = f"{columns}x{rows} inner corners"
     return Detection.nothing(f"the image looks like {size}, you asked for {asked}", looks_like=size)

@@ -8,6 +8,7 @@ cell (0, 0) and its neighbours to the right and below is dark.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -41,16 +42,26 @@ class Grid:
         return self.xy.shape[0], self.xy.shape[1]
 
     @property
+    def area(self) -> float:
+        """Of the upright rectangle around the known corners, square pixels."""
+        known = self.xy[self.known]
+        return float(np.prod(np.ptp(known, axis=0))) if len(known) else 0.0
+
+    @property
     def known(self) -> NDArray[np.bool_]:
         """Which corners (rows, columns) are known."""
         return ~np.isnan(self.xy[..., 0])
 
 
-def grow_grids(corners: Corners, links: NDArray[np.int32], *, least: int, most: int = 2) -> list[Grid]:
-    """The `most` largest grids with at least `least` linked corners, grown as far as the picture shows them."""
+def grow_grids(corners: Corners, links: NDArray[np.int32], *, least: int, most: int = 2) -> Iterator[Grid]:
+    """The `most` grids with the most linked corners, at least `least`, each grown as far as the picture shows it.
+
+    The one that covers most of the picture comes first; each is grown when it is asked for.
+    """
     components = sorted(_components(links, least=least), key=lambda c: -len(c[0]))[:most]
-    grids = [_complete(_as_grid(cells, turns, corners), corners) for cells, turns in components]
-    return sorted(grids, key=lambda g: -int(g.known.sum()))
+    grids = [_as_grid(cells, turns, corners) for cells, turns in components]
+    for grid in sorted(grids, key=lambda g: -g.area):
+        yield _complete(grid, corners)
 
 
 def _components(links: NDArray[np.int32], *, least: int) -> list[tuple[Cells, Turns]]:
@@ -113,15 +124,20 @@ def _complete(grid: Grid, corners: Corners) -> Grid:
     pool = np.concatenate([corners.xy, corners.weak])
     drop_misfits(grid.xy, grid.dark, grid.contrast, corners.smooth)
     grid = _fill(_trim(grid), corners, pool)
+    scraps = 0
     for _ in range(4):
         for _ in range(MOST_LINES):
             grown, seen = _one_column_more(grid, corners, pool)
             if seen < LEAST_FILL * grid.shape[0]:
+                scraps += seen
                 break
             grid = grown
         grid = turned(grid)
-    grid = _trim(_fill(grid, corners, pool))
-    return replace(grid, goes_on=_goes_on(grid, corners))
+    whole = _fill(grid, corners, pool)
+    grid = _trim(whole)
+    # Where nothing was left over, nothing lies beyond.
+    doubtful = scraps >= 2 or grid.shape != whole.shape
+    return replace(grid, goes_on=doubtful and _goes_on(grid, corners))
 
 
 def _goes_on(grid: Grid, corners: Corners) -> bool:

@@ -11,11 +11,16 @@ import math
 import numpy as np
 from numba import njit
 
+from calibrant.detect.chessboard_links import edge_between
+
 SNAP = 0.25
 """How far from its prediction a corner may lie, over the distance of its neighbours: half way to a square's middle."""
 LEAST_CONTRAST = 0.25
 """Of the squares around a corner, over that of the grid: glare takes some, the end of the board takes all. Both are
 differences over brightness, which a shadow does not change."""
+NEAR, FAR = 0.2, 0.35
+"""Where the squares around a corner are looked at, over the distance to the next corners. A narrow white margin before
+a dark backdrop looks like squares at one depth, not at two; boards whose outer squares are cut in half pass."""
 LEAST_DIFFERENCE = 2.0
 """Grey levels between dark and light squares: above the rounding of 8 bits."""
 
@@ -101,25 +106,56 @@ def predict(xy, row, column, out):  # type: ignore[no-untyped-def]
 
 @njit("boolean(float32[:, ::1], float64, float64, float64[::1], boolean, float64)", cache=True, nogil=True)
 def looks_like_corner(image, x, y, step, dark, contrast):  # type: ignore[no-untyped-def]
-    """Whether the four squares around (x, y) alternate clearly, a quarter of their diagonal away.
+    """Whether the four squares around (x, y) alternate clearly, both near to it and far.
 
     step: as from `predict`; dark: colour of the square towards the next column and row; contrast: of the grid, half the
     difference of dark and light over their mean.
     """
     h, w = image.shape
     darkest_light, lightest_dark = 1e9, -1e9
-    for a in (-0.25, 0.25):
-        for b in (-0.25, 0.25):
-            i = int(x + a * step[2] + b * step[4] + 0.5)
-            j = int(y + a * step[3] + b * step[5] + 0.5)
-            if i < 0 or j < 0 or i >= w or j >= h:
-                return False
-            if (a * b > 0) == dark:
-                lightest_dark = max(lightest_dark, image[j, i])
-            else:
-                darkest_light = min(darkest_light, image[j, i])
+    for depth in (NEAR, FAR):
+        for a in (-depth, depth):
+            for b in (-depth, depth):
+                i = int(x + a * step[2] + b * step[4] + 0.5)
+                j = int(y + a * step[3] + b * step[5] + 0.5)
+                if i < 0 or j < 0 or i >= w or j >= h:
+                    return False
+                if (a * b > 0) == dark:
+                    lightest_dark = max(lightest_dark, image[j, i])
+                else:
+                    darkest_light = min(darkest_light, image[j, i])
     difference = darkest_light - lightest_dark
     return difference >= max(LEAST_CONTRAST * contrast * (darkest_light + lightest_dark), LEAST_DIFFERENCE)
+
+
+@njit(
+    "boolean(float32[:, ::1], float64[:, :, ::1], int64, int64, float64, float64, boolean, float64)",
+    cache=True,
+    nogil=True,
+)
+def edges_arrive(image, xy, row, column, x, y, dark, contrast):  # type: ignore[no-untyped-def]
+    """Whether an edge of the right colours leads from (x, y) all the way to each neighbour that is known.
+
+    dark: colour of the square towards the next column and row.
+    """
+    rows, columns = xy.shape[:2]
+    level = image[min(max(int(y + 0.5), 0), image.shape[0] - 1), min(max(int(x + 0.5), 0), image.shape[1] - 1)]
+    # Half of what the squares must show: next to an edge, blur has taken part of it.
+    least = max(0.5 * LEAST_CONTRAST * contrast * level, 0.5 * LEAST_DIFFERENCE)
+    for turn in range(4):
+        r = row + (1 if turn == 1 else -1 if turn == 3 else 0)
+        c = column + (1 if turn == 0 else -1 if turn == 2 else 0)
+        if not (0 <= r < rows and 0 <= c < columns) or math.isnan(xy[r, c, 0]):
+            continue
+        # Going right or left, the side to which one turns has the colour of the square right and below; going down or
+        # up, the other.
+        if dark ^ (turn % 2 == 1):
+            arrives = edge_between(image, x, y, xy[r, c, 0], xy[r, c, 1], least)
+        else:
+            arrives = edge_between(image, xy[r, c, 0], xy[r, c, 1], x, y, least)
+        if not arrives:
+            return False
+    return True
 
 
 @njit("int64(float64[:, :, ::1], boolean[:, ::1], boolean, float64, float32[:, ::1], float64[:, ::1])", cache=True)
@@ -148,7 +184,10 @@ def snap(xy, wanted, dark, contrast, image, pool):  # type: ignore[no-untyped-de
             if nearest < 0:
                 continue
             here = dark ^ ((row + column) % 2 == 1)
-            if looks_like_corner(image, pool[nearest, 0], pool[nearest, 1], step, here, contrast):
+            x, y = pool[nearest, 0], pool[nearest, 1]
+            if looks_like_corner(image, x, y, step, here, contrast) and edges_arrive(
+                image, xy, row, column, x, y, here, contrast
+            ):
                 found[row, column] = nearest
                 count += 1
     for row in range(rows):

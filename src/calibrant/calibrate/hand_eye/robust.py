@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.special import fdtrc, gammaln
 
 from calibrant.calibrate.hand_eye.loop_fit import LoopFit, fit_loop
+from calibrant.calibrate.hand_eye.loops import loop_consistency
 from calibrant.calibrate.hand_eye.relative import odd_part
 from calibrant.geometry import se3, so3
 
@@ -42,6 +43,10 @@ OUTLIER_P = 1e-3
 TYPICAL_FACTOR = 9.0
 """And its statistic must be nine times the median's, three times the typical deviation: robots err by more than their
 Gaussian noise now and then, and a view that deviates twice as much as others is no fault."""
+
+MANY, AGREE = 1 / 3, 0.05
+"""More than a third of the views is called outlying only where all views together do not agree, to 5 % of the motion:
+noise is not the same in every view, and some views always agree far better among themselves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +195,9 @@ def _admitted(A: Array, B: Array, core: LoopFit, c: Array) -> RobustFit:
             break
         used = ~outlier
         fit = fit_loop(A, B, fit.X[0], used=used, certainty=c)
-    while not used.all() and chosen_by_chance(fit):
+    many = (~used).sum() > MANY * len(A)
+    agree = many and loop_consistency(A, B, fit_loop(A, B, fit.X[0], certainty=c).X[0]).score < AGREE
+    while not used.all() and (chosen_by_chance(fit) or (agree and (~used).sum() > MANY * len(A))):
         # The views left out were chosen for being far off: the least of them goes back.
         used = used.copy()
         left = np.flatnonzero(~used)

@@ -54,8 +54,9 @@ def examine(case: Case) -> list[Finding]:
     value, sigma = fit.scale, fit.sigma_scale
     if not (np.isfinite(value) and np.isfinite(sigma)) or value <= 0:
         return []
-    p = student_test(value - 1, sigma, fit.freedom)
-    if p > CONVINCING or abs(value - 1) < MATTERS:
+    # Off by more than any print is: the test is of what lies beyond that.
+    p = student_test(max(abs(value - 1) - MATTERS, 0.0), sigma, fit.freedom)
+    if p > CONVINCING:
         return []
     repaired = case.scaled(value)
     if loop_consistency(repaired.A, repaired.B, fit.X[0]).score > CONSISTENT:

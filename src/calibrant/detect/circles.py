@@ -32,8 +32,9 @@ Array = NDArray[np.float64]
 FIRST_LONGEST_PX = 1000
 """Longest side of the first scale: dots of a 20x20 grid that fills half of the picture still measure 12 px."""
 WINDOWS = (1 / 30, 1 / 10, 1 / 100, 1 / 4)
+BIG_DOT_WINDOWS = (1 / 15, 1 / 6, 1 / 40, 1 / 3)
 """Windows of the threshold over the picture's longest side: a window must hold a dot, and not reach over the paper's
-edge more than it must. The likeliest first."""
+edge more than it must; a big dot needs one about twice as wide. The likeliest first."""
 LEAST_CONTRAST = 3.0
 """Half the difference of dot and paper, grey levels: three times the rounding of 8 bits."""
 MOST_MISFIT = 0.35
@@ -59,10 +60,12 @@ class CirclesDetector:
         if not isinstance(target, Circles):
             raise InputError(f"the detector of circles was given a target of kind {target.kind!r}")
         seen: list[tuple[int, int]] = []
+        without_origin: Detection | None = None
         for negative in (target.inverted, not target.inverted):
             picture = np.asarray(255 - grey, np.uint8) if negative else grey
             # A wrong colour in the spec is looked for with the likeliest windows alone.
-            windows = WINDOWS if negative == target.inverted else WINDOWS[:2]
+            windows: tuple[float, ...] = BIG_DOT_WINDOWS if target.bigdot else WINDOWS
+            windows = windows if negative == target.inverted else windows[:2]
             for spots in _searches(picture, windows):
                 for lattice in grow_lattices(spots, with_big=target.bigdot):
                     placement = place(target, lattice, spots.uv[lattice.spots], (grey.shape[1], grey.shape[0]))
@@ -70,8 +73,15 @@ class CirclesDetector:
                         seen += _size(lattice, target)
                         continue
                     detection = _measured(picture, target, spots, lattice, placement)
-                    if detection.found:
-                        return _with_notes(detection, target, negative=negative)
+                    if not detection.found:
+                        continue
+                    detection = _with_notes(detection, target, negative=negative)
+                    if not target.bigdot or detection.point_ids[0] == target.point_ids[0]:
+                        return detection
+                    # A window too small for the big dot leaves it out; another may show it.
+                    without_origin = without_origin or detection
+            if without_origin is not None:
+                return without_origin
         return _not_found(seen, target)
 
 

@@ -63,8 +63,8 @@ def place(target: Circles, lattice: Lattice, uv: Array, image_size: tuple[int, i
     best = min(w.cost for w in ways)
     if best > (1 - LEAST_SEEN) * len(target.points):
         return "no way fits"
-    # Ways apart by less than half a side of evidence cannot be told apart.
-    rivals = [w for w in ways if w.cost < best + 0.5 * min(target.columns, target.rows)]
+    # Ways apart by less than this cannot be told apart.
+    rivals = [w for w in ways if w.cost < best + _decisive(target)]
     if len({w.footprint for w in rivals}) > 1 or (target.turns_unnoticed_deg is None and len(rivals) > 1):
         return "several ways fit"
     return max(rivals, key=lambda w: float(w.x_axis[0] + 0.99 * w.x_axis[1]))
@@ -112,8 +112,14 @@ def _evidence(
     reach = np.linalg.norm(_project(H, where[missing] + np.array([1, 0])) - uv, axis=1)
     reach = BORDER * np.maximum(reach, np.linalg.norm(_project(H, where[missing] + np.array([0, 1])) - uv, axis=1))
     expected = np.all((uv > reach[:, None]) & (uv < np.array(image_size) - 1 - reach[:, None]), axis=1)
-    misplaced = int(np.count_nonzero(lattice.big & (index != 0))) if target.bigdot else 0
-    return float(np.count_nonzero(index < 0) + np.count_nonzero(expected) + misplaced)
+    misplaced = np.count_nonzero(lattice.big & (index != 0)) if target.bigdot else 0
+    # A big dot elsewhere is evidence enough alone: nothing but the origin looks like one.
+    return float(np.count_nonzero(index < 0) + np.count_nonzero(expected) + misplaced * _decisive(target))
+
+
+def _decisive(target: Circles) -> float:
+    """Evidence that decides between two ways: half of a side's dots."""
+    return 0.5 * min(target.columns, target.rows)
 
 
 def _x_axis(target: Circles, where: Ints, H: Array) -> Array:

@@ -16,7 +16,7 @@ DEFAULT_CAMERA = "camera"
 
 
 def _frozen(value: ArrayLike, *, dtype: type, shape: tuple[int, ...], what: str) -> NDArray:
-    array = np.array(value, dtype=dtype)
+    array: NDArray = np.array(value, dtype=dtype)
     if array.shape != shape:
         raise InputError(f"{what}: expected shape {shape}, got {array.shape}")
     if dtype is np.float64 and not np.all(np.isfinite(array)):

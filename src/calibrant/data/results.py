@@ -141,7 +141,9 @@ class CalibrationResult:
     def camera(self) -> Camera:
         """The only camera. Raises: InputError when there are several, or none."""
         if len(self.cameras) != 1:
-            raise InputError(f"the result has {len(self.cameras)} cameras ({', '.join(self.cameras)}); name one: .cameras[…]")
+            raise InputError(
+                f"the result has {len(self.cameras)} cameras ({', '.join(self.cameras)}); name one: .cameras[…]"
+            )
         return next(iter(self.cameras.values()))
 
     def transform(self, parent: str, child: str) -> TransformEstimate:

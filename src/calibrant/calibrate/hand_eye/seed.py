@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from calibrant.calibrate.hand_eye.loops import LoopConsistency, consistency_of, loop_consistency, loop_errors
 from calibrant.calibrate.hand_eye.relative import PosePairs
+from calibrant.calibrate.hand_eye.robust import robust_fit
 from calibrant.calibrate.hand_eye.solvers.registry import SOLVERS
 from calibrant.data import MethodResult
 from calibrant.errors import RefusedError
@@ -26,6 +27,12 @@ GROSS_FLOOR = (1e-6, 1e-5)
 MOST_GROSS = 1 / 3
 """At most this share of the views may be set aside: beyond it the fault is not in single views."""
 
+MOST_FOR_CONSENSUS = 200
+"""Beyond it single views hardly pull a closed form, and the consensus' tables of all pairs take time."""
+SEEDING = tuple(name for name in SOLVERS if name != "convex")
+"""Methods that a start is chosen from. The convex one costs as much as all others together, and its optimum, where it
+can prove it, is theirs to well below the noise."""
+
 
 @dataclass(frozen=True, eq=False)
 class Seed:
@@ -39,14 +46,16 @@ class Seed:
 
 
 def best_seed(A: Array, B: Array, *, certainty: Array | None = None) -> Seed:
-    """X and Z of the solver whose loop is the most consistent, gross outliers set aside one by one.
+    """X and Z of the solver whose loop is the most consistent, gross outliers set aside.
+
+    First those that a consensus finds, then one by one what the solvers still find.
 
     certainty (n,), >= 1: how much less certain each view is than a typical one; its deviation counts for less.
     Raises: RefusedError when no solver gives an answer; its message holds every solver's reason.
     """
-    keep = np.ones(len(A), dtype=bool)
     factor = np.ones(len(A)) if certainty is None else np.maximum(certainty, 1.0)
     limit = int(MOST_GROSS * len(A))
+    keep = _without_gross(A, B, factor, limit)
     while True:
         X, Z, method = _most_consistent(A[keep], B[keep])
         loop = loop_consistency(A[keep], B[keep], X)
@@ -54,6 +63,19 @@ def best_seed(A: Array, B: Array, *, certainty: Array | None = None) -> Seed:
         if worst is None or len(A) - keep.sum() >= limit or keep.sum() <= 4:
             return Seed(X, Z, method, keep, loop)
         keep[np.flatnonzero(keep)[worst]] = False
+
+
+def _without_gross(A: Array, B: Array, certainty: Array, limit: int) -> NDArray[np.bool_]:
+    """Views that a consensus does not find gross; all of them where more than `limit` would go.
+
+    Closed forms are pulled by every wrong view: with several, each round of all solvers would find one.
+    """
+    everything = np.ones(len(A), dtype=bool)
+    if limit == 0 or len(A) > MOST_FOR_CONSENSUS:
+        return everything
+    loop = loop_consistency(A, B, robust_fit(A, B, certainty=certainty).X)
+    gross = _ratios(loop, certainty) > GROSS_SIGMAS
+    return everything if gross.sum() > limit or len(A) - gross.sum() < 4 else ~gross
 
 
 def seed_of_all(A: Array, B: Array) -> Seed:
@@ -69,9 +91,9 @@ def _most_consistent(A: Array, B: Array) -> tuple[Array, Array, str]:
     best: tuple[float, Array, Array, str] | None = None
     pairs = PosePairs(A, B)
     refusals = []
-    for name, solver in SOLVERS.items():
+    for name in SEEDING:
         try:
-            X = solver.solve_pairs(pairs).X
+            X = SOLVERS[name].solve_pairs(pairs).X
         except RefusedError as error:
             refusals.append(str(error))
             continue
@@ -85,13 +107,18 @@ def _most_consistent(A: Array, B: Array) -> tuple[Array, Array, str]:
 
 def _worst(loop: LoopConsistency, certainty: Array) -> int | None:
     """Index of the view that deviates most, when that is gross."""
+    combined = _ratios(loop, certainty)
+    worst = int(np.argmax(combined))
+    return worst if combined[worst] > GROSS_SIGMAS else None
+
+
+def _ratios(loop: LoopConsistency, certainty: Array) -> Array:
+    """Deviation of each view over what is typical, the larger of distance and angle."""
     ratios = []
     for deviations, floor in ((loop.view_mm, 1e3 * GROSS_FLOOR[0]), (loop.view_deg, np.rad2deg(GROSS_FLOOR[1]))):
         sigma = max(float(np.median(deviations)) / MAXWELL_MEDIAN, floor)
         ratios.append(deviations / (sigma * certainty))
-    combined = np.maximum(*ratios)
-    worst = int(np.argmax(combined))
-    return worst if combined[worst] > GROSS_SIGMAS else None
+    return np.asarray(np.maximum(*ratios), dtype=np.float64)
 
 
 def compare_methods(A: Array, B: Array) -> dict[str, MethodResult]:

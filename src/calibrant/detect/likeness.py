@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from calibrant.data import View
 
@@ -20,17 +21,14 @@ def notes_on_likeness(views: Sequence[View], width: int) -> tuple[str, ...]:
 
     A view is compared with those before it that show the same points.
     """
-    same: list[str] = []
-    near: list[str] = []
-    earlier: dict[bytes, list[View]] = {}
+    groups: dict[bytes, list[View]] = {}
     for view in views:
-        before = earlier.setdefault(view.point_ids.tobytes(), [])
-        distance = min((float(np.abs(view.uv - other.uv).max()) for other in before), default=np.inf)
-        if distance <= SAME_PX:
-            same.append(view.id)
-        elif distance <= NEAR_PART * width:
-            near.append(view.id)
-        before.append(view)
+        groups.setdefault(view.point_ids.tobytes(), []).append(view)
+    away = {
+        v.id: d for group in groups.values() for v, d in zip(group, _to_earlier(group, NEAR_PART * width), strict=True)
+    }
+    same = [v.id for v in views if away[v.id] <= SAME_PX]
+    near = [v.id for v in views if SAME_PX < away[v.id] <= NEAR_PART * width]
     notes = []
     if same:
         notes.append(
@@ -43,6 +41,25 @@ def notes_on_likeness(views: Sequence[View], width: int) -> tuple[str, ...]:
             f"another: {_listed(near)}. They lower the noise but show nothing new; take views that differ."
         )
     return tuple(notes)
+
+
+def _to_earlier(views: Sequence[View], reach_px: float) -> list[float]:
+    """Each view's largest distance of a point, px, from the likest view before it; infinite beyond `reach_px`."""
+    if len(views[0]) == 0:
+        return [np.inf] * len(views)
+    # Two points tell nearly all views apart; only what they leave is compared in full.
+    ends = np.array([np.concatenate([view.uv[0], view.uv[-1]]) for view in views])
+    tree = cKDTree(ends)
+    distances = []
+    for i, view in enumerate(views):
+        before = [j for j in tree.query_ball_point(ends[i], reach_px, p=np.inf) if j < i]
+        shortest = np.inf
+        for j in before:
+            shortest = min(shortest, float(np.abs(view.uv - views[j].uv).max()))
+            if shortest <= SAME_PX:
+                break
+        distances.append(shortest)
+    return distances
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from calibrant.data import Observations as Observations
     from calibrant.data import RobotPoses as RobotPoses
     from calibrant.data import View as View
-    from calibrant.data.result_file import read_result as read
+    from calibrant.data import result_file
     from calibrant.detect import detect as detect
     from calibrant.errors import CalibrantError as CalibrantError
     from calibrant.errors import InputError as InputError
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from calibrant.geometry.frames import FrameGraph as FrameGraph
     from calibrant.report.html import write_report as write_report
     from calibrant.targets.registry import parse_target as parse_target
+
+    read = result_file.read_result
 
 __version__ = "0.1.0"
 

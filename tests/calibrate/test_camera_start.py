@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from lens_views import SIZE, board_poses, observe
+from tests.calibrate.lens_views import SIZE, board_poses, observe
 
 from calibrant.calibrate import camera_start
 from calibrant.calibrate.intrinsics import calibrate_intrinsics

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from lens_views import GRID, SIZE, board_poses
+from tests.calibrate.lens_views import GRID, SIZE, board_poses
 
 from calibrant.calibrate.chain import Link
 from calibrant.calibrate.reprojection import ReprojectionFactor, StackedViews

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from lens_views import SIZE, board_poses, observe
+from tests.calibrate.lens_views import SIZE, board_poses, observe
 
 from calibrant.calibrate.intrinsics import calibrate_intrinsics
 from calibrant.calibrate.model_choice import Candidate, _decide, choose_model, ladder

@@ -5,8 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from chessboard_pictures import Lens, Pose, corners, facing, picture
 from scipy.stats import kurtosis
+from tests.detect.chessboard_pictures import Lens, Pose, corners, facing, picture
 
 from calibrant.detect.chessboard import ChessboardDetector, scales
 from calibrant.detect.images import load_grey

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import cv2
 import numpy as np
 import pytest
-from chessboard_pictures import Lens, facing, picture
+from tests.detect.chessboard_pictures import Lens, facing, picture
 
 from calibrant.detect import detect
 from calibrant.detect.overlay import draw

@@ -26,7 +26,9 @@ def test_points_pictures_and_a_table(calibrant, cell, tmp_path: Path, untouched)
     (line,) = [line for line in outcome.out.splitlines() if line.startswith("blank.png")]
     assert "not found: " in line
     found = read_observations(out)
-    assert [len(v) for v in found.views] == [42] * 8
+    # The picture's edge cuts the outermost square of one board; the corner beside it may be left out.
+    assert sorted(len(v) for v in found.views)[1:] == [42] * 7
+    assert min(len(v) for v in found.views) >= 41
     assert [m.id for m in found.missed] == ["blank.png"]
     assert sorted(os.listdir(pictures)) == [f"{i:02d}.png.png" for i in range(8)]
     assert cv2.imread(str(pictures / "00.png.png")).shape == (360, 480, 3)

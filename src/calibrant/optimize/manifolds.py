@@ -61,16 +61,10 @@ class Manifold(ABC):
 
 
 @dataclass(frozen=True)
-class Euclidean(Manifold):
-    """Vectors of named components; `held` components stay as they are."""
+class _Vectors(Manifold):
+    """Vectors of named components: what all of them share, whichever way the solver may move them."""
 
     names: tuple[str, ...]
-    held: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        unknown = [n for n in self.held if n not in self.names]
-        if unknown:
-            raise InputError(f"cannot hold {', '.join(unknown)}: the components are {', '.join(self.names)}")
 
     @property
     def value_shape(self) -> tuple[int, ...]:
@@ -79,6 +73,21 @@ class Euclidean(Manifold):
     @property
     def natural_names(self) -> tuple[str, ...]:
         return self.names
+
+    def local(self, origin: Array, values: Array) -> Array:
+        return values - origin
+
+
+@dataclass(frozen=True)
+class Euclidean(_Vectors):
+    """Vectors of named components; `held` components stay as they are."""
+
+    held: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        unknown = [n for n in self.held if n not in self.names]
+        if unknown:
+            raise InputError(f"cannot hold {', '.join(unknown)}: the components are {', '.join(self.names)}")
 
     @property
     def free_names(self) -> tuple[str, ...]:
@@ -93,25 +102,13 @@ class Euclidean(Manifold):
         basis = self.basis(values)
         return values + (free if basis is None else free @ basis[0].T)
 
-    def local(self, origin: Array, values: Array) -> Array:
-        return values - origin
-
 
 @dataclass(frozen=True, eq=False)
-class Subspace(Manifold):
+class Subspace(_Vectors):
     """Vectors that move only along the columns of `directions` (natural, free): tied parameters."""
 
-    names: tuple[str, ...]
     directions: Array
     direction_names: tuple[str, ...]
-
-    @property
-    def value_shape(self) -> tuple[int, ...]:
-        return (len(self.names),)
-
-    @property
-    def natural_names(self) -> tuple[str, ...]:
-        return self.names
 
     @property
     def free_names(self) -> tuple[str, ...]:
@@ -123,23 +120,10 @@ class Subspace(Manifold):
     def retract(self, values: Array, free: Array) -> Array:
         return values + free @ np.asarray(self.directions).T
 
-    def local(self, origin: Array, values: Array) -> Array:
-        return values - origin
-
 
 @dataclass(frozen=True)
-class Positive(Manifold):
+class Positive(_Vectors):
     """Vectors of positive components (scales): x <- x exp(free), so no step leaves the positive side."""
-
-    names: tuple[str, ...]
-
-    @property
-    def value_shape(self) -> tuple[int, ...]:
-        return (len(self.names),)
-
-    @property
-    def natural_names(self) -> tuple[str, ...]:
-        return self.names
 
     def basis(self, values: Array) -> Array | None:
         return values[:, :, None] * np.eye(len(self.names))
@@ -147,25 +131,13 @@ class Positive(Manifold):
     def retract(self, values: Array, free: Array) -> Array:
         return values * np.exp(free)
 
-    def local(self, origin: Array, values: Array) -> Array:
-        return values - origin
-
 
 @dataclass(frozen=True, eq=False)
-class Interval(Manifold):
+class Interval(_Vectors):
     """Vectors bounded by lower < x < upper, componentwise: x = lower + (upper - lower) / (1 + exp(-q)), q moves."""
 
-    names: tuple[str, ...]
     lower: Array
     upper: Array
-
-    @property
-    def value_shape(self) -> tuple[int, ...]:
-        return (len(self.names),)
-
-    @property
-    def natural_names(self) -> tuple[str, ...]:
-        return self.names
 
     def basis(self, values: Array) -> Array | None:
         slope = (values - self.lower) * (self.upper - values) / (np.asarray(self.upper) - self.lower)
@@ -175,9 +147,6 @@ class Interval(Manifold):
         q = np.log(values - self.lower) - np.log(self.upper - values) + free
         with np.errstate(over="ignore"):
             return self.lower + (np.asarray(self.upper) - self.lower) / (1 + np.exp(-q))
-
-    def local(self, origin: Array, values: Array) -> Array:
-        return values - origin
 
 
 @dataclass(frozen=True)

@@ -39,9 +39,10 @@ def test_a_camera_cannot_be_changed() -> None:
         ("brown", {**PIXELS, "k9": 1.0}, SIZE, "no parameter 'k9'; it has fx, fy"),
         ("brown", {"fx": 900.0, "cy": 1.0}, SIZE, "missing: fy, cx"),
         ("pinhole", {**PIXELS, "fx": float("nan")}, SIZE, "4 finite parameters"),
+        ("pinhole", {**PIXELS, "fy": -905.0}, SIZE, "fy is -905 px; a focal length is above 0"),
         ("pinhole", PIXELS, (0, 1024), r"image_size is \(width, height\)"),
     ],
-    ids=["model", "parameter", "missing", "nan", "size"],
+    ids=["model", "parameter", "missing", "nan", "negative", "size"],
 )
 def test_unusable_cameras_are_refused(
     model: str, parameters: dict[str, float], size: tuple[int, int], message: str

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 import yaml
 
-from calibrant.cameras import Camera
+from calibrant.cameras import Camera, camera_model
 from calibrant.data import CalibrationResult
 from calibrant.data.result_file import write_result
 from calibrant.errors import InputError
 from calibrant.formats.camera_files import read_camera
+from calibrant.formats.ros_camera_info import write_camera_info
 
 K = [[800.5, 0, 320.25], [0, 801.5, 240.75], [0, 0, 1]]
 K_FLAT = [number for row in K for number in row]
@@ -44,10 +45,78 @@ def test_ros_camera_info_file_and_message(tmp_path: Path) -> None:
         np.testing.assert_array_equal(camera.values, EXPECTED)
 
 
-def test_an_equidistant_ros_camera_is_refused_by_name(tmp_path: Path) -> None:
-    data = {"width": 1, "height": 1, "distortion_model": "equidistant", "K": K_FLAT, "D": D[:4]}
-    with pytest.raises(InputError, match="'equidistant'; expected plumb_bob"):
-        camera_of(tmp_path / "c.yaml", data)
+def message(
+    terms: list[float], *, model: str = "rational_polynomial", matrix: list[float] = K_FLAT
+) -> dict[str, object]:
+    return {"width": 640, "height": 480, "distortion_model": model, "K": matrix, "D": terms}
+
+
+FOURTEEN = [*D, 0.1, -0.2, 0.3, 1e-3, 2e-3, 3e-3, 4e-3, 0.01, -0.02]
+
+
+@pytest.mark.parametrize(
+    ("count", "model"), [(4, "brown"), (5, "brown"), (8, "rational"), (12, "thin_prism"), (14, "tilted")]
+)
+def test_the_model_with_fewest_terms_is_taken(tmp_path: Path, count: int, model: str) -> None:
+    camera = camera_of(tmp_path / "c.yaml", message(FOURTEEN[:count]))
+    assert camera.model.name == model
+    np.testing.assert_array_equal(camera.values[4 : 4 + count], FOURTEEN[:count])
+    padded = camera_of(tmp_path / "c.yaml", message([*FOURTEEN[:count], *[0.0] * (14 - count)]))
+    assert padded.model.name == model
+
+
+def test_an_equidistant_ros_camera_is_a_kannala_brandt(tmp_path: Path) -> None:
+    camera = camera_of(tmp_path / "c.yaml", message(D[:4], model="equidistant"))
+    assert camera.model.name == "kannala_brandt"
+    np.testing.assert_array_equal(camera.values[4:], D[:4])
+    with pytest.raises(InputError, match="5 distortion coefficients; an equidistant camera has k1, k2, k3, k4"):
+        camera_of(tmp_path / "c.yaml", message(D, model="equidistant"))
+    with pytest.raises(InputError, match="'fov'; expected plumb_bob, rational_polynomial or equidistant"):
+        camera_of(tmp_path / "c.yaml", message(D, model="fov"))
+
+
+def test_skew_is_kept_where_a_model_has_it(tmp_path: Path) -> None:
+    """Without distortion, pinhole_skew; with k1 k2 p1 p2, the unified model at xi = 0: u = fx x' + skew y' + cx."""
+    skewed = [800.5, 2.5, 320.25, *K_FLAT[3:]]
+    plain = camera_of(tmp_path / "c.yaml", message([], matrix=skewed))
+    assert (plain.model.name, plain.parameters["skew"]) == ("pinhole_skew", 2.5)
+    bent = camera_of(tmp_path / "c.yaml", message(D[:4], matrix=skewed))
+    straight = camera_of(tmp_path / "c.yaml", message(D[:4]))
+    p = np.array([[0.1, -0.2, 1.0], [-0.3, 0.25, 0.8]])
+    y = (straight.project(p)[:, 1] - 240.75) / 801.5
+    np.testing.assert_allclose(bent.project(p), straight.project(p) + np.stack([2.5 * y, 0 * y], axis=1), atol=1e-10)
+    with pytest.raises(InputError, match=r"skew 2\.5 together with k1, k2, k3, p1, p2; models with skew"):
+        camera_of(tmp_path / "c.yaml", message(D, matrix=skewed))
+
+
+@pytest.mark.parametrize("model", ["pinhole", "brown", "rational", "thin_prism", "tilted", "kannala_brandt"])
+def test_a_ros_file_comes_back(tmp_path: Path, model: str) -> None:
+    names = camera_model(model).parameter_names
+    given = dict(zip(names, [500.0, 501.0, 320.0, 240.0, *(0.01 * np.arange(1.0, len(names) - 3))]))
+    camera = Camera.create(model, given, image_size=(640, 480))
+    back = read_camera(write_camera_info(camera, tmp_path / "c.yaml"))
+    assert back.model.name == model
+    np.testing.assert_array_equal(back.values, camera.values)
+    data = yaml.safe_load((tmp_path / "c.yaml").read_text())
+    assert data["projection_matrix"]["data"][:4] == [500.0, 0.0, 320.0, 0.0]
+
+
+def test_a_model_that_ros_lacks_is_refused(tmp_path: Path) -> None:
+    camera = Camera.create("double_sphere", {"fx": 5, "fy": 5, "cx": 1, "cy": 2}, image_size=(64, 48))
+    with pytest.raises(InputError, match="double_sphere camera cannot be written as ROS camera_info"):
+        write_camera_info(camera, tmp_path / "c.yaml")
+    assert not (tmp_path / "c.yaml").exists()
+
+
+def test_a_principal_point_off_the_images_is_named(tmp_path: Path) -> None:
+    """Half the images' size, or width and height exchanged; a projector's shifted lens is let through."""
+    data = {"fx": 800.0, "fy": 800.0, "cx": 640.0, "cy": 512.0}
+    with pytest.raises(InputError, match=r"\(640, 512\) px lies outside of images of 512x400 px; expected a camera of"):
+        camera_of(tmp_path / "c.yaml", data, image_size=(512, 400))
+    with pytest.raises(InputError, match="lies outside of images of 320x256 px"):
+        camera_of(tmp_path / "c.yaml", {**data, "width": 320, "height": 256})
+    projector = {**data, "cy": 1357.8, "width": 1280, "height": 800}
+    assert camera_of(tmp_path / "c.yaml", projector).parameters["cy"] == 1357.8
 
 
 def test_named_intrinsics_need_the_image_size(tmp_path: Path) -> None:
@@ -91,17 +160,18 @@ def test_the_size_of_the_images_must_be_that_of_the_camera(tmp_path: Path) -> No
         ({"camera_matrix": {"data": [1, 2]}, "image_width": 2, "image_height": 2}, "2 numbers, expected 9"),
         (
             {"camera_matrix": {"data": [1, 0, 0, 0, 1, 0, 0, 0, 2]}, "image_width": 2, "image_height": 2},
-            r"expected \[\[fx, 0, cx\]",
+            r"expected \[\[fx, skew, cx\]",
         ),
-        ({"camera_matrix": {"data": [1, 0.5, 0, 0, 1, 0, 0, 0, 1]}, "image_width": 2, "image_height": 2}, "skew 0.5"),
+        ({"fx": 1, "fy": -1, "cx": 1, "cy": 1, "width": 2, "height": 2}, "fy is -1 px; a focal length is above 0"),
+        ({"fx": 1, "fy": [1, 2], "cx": 1, "cy": 1, "width": 2, "height": 2}, "fy holds 2 numbers, expected one"),
         (
             {
-                "camera_matrix": {"data": [1, 0, 0, 0, 1, 0, 0, 0, 1]},
-                "distortion_coefficients": {"data": [0, 0, 0, 0, 0, 1, 0, 0]},
-                "image_width": 2,
-                "image_height": 2,
+                "camera_matrix": {"data": K_FLAT},
+                "distortion_coefficients": {"data": [0.1, 0, 0]},
+                "image_width": 640,
+                "image_height": 480,
             },
-            "terms beyond k1 k2 p1 p2 k3",
+            "3 distortion coefficients .* expected 4, 5, 8, 12 or 14",
         ),
     ],
 )

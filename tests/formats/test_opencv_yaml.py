@@ -140,6 +140,22 @@ def test_opencvs_other_models_come_back(tmp_path: Path, model: str) -> None:
     np.testing.assert_array_equal(back.values, values)
 
 
+def test_opencvs_fisheye_and_omnidir_files_are_read(tmp_path: Path) -> None:
+    """calibration.cpp writes fisheye_model: 1; omnidir's sample writes xi."""
+    K = np.array([[500.0, 0, 320], [0, 501, 240], [0, 0, 1]])
+    values = {
+        "image_width": 640,
+        "image_height": 480,
+        "camera_matrix": K,
+        "distortion_coefficients": np.full((4, 1), 0.01),
+    }
+    (tmp_path / "f.yml").write_text(yaml_text({**values, "fisheye_model": 1}))
+    (tmp_path / "o.yml").write_text(yaml_text({**values, "xi": 1.3}))
+    assert read_camera(tmp_path / "f.yml").model.name == "kannala_brandt"
+    omnidir = read_camera(tmp_path / "o.yml")
+    assert (omnidir.model.name, omnidir.parameters["xi"]) == ("unified", 1.3)
+
+
 def test_a_model_that_opencv_lacks_is_refused(tmp_path: Path) -> None:
     camera = Camera.create("double_sphere", {"fx": 5, "fy": 5, "cx": 1, "cy": 2}, image_size=(64, 48))
     with pytest.raises(InputError, match="double_sphere camera cannot be written as OpenCV YAML"):

@@ -58,7 +58,8 @@ class Camera:
     ) -> Camera:
         """Camera from a model's name and named parameters; terms that are left out are neutral: 0, mostly.
 
-        Raises: InputError for unknown names, a missing focal length or principal point, values that are not finite.
+        Raises: InputError for unknown names, a missing focal length or principal point, a focal length that is not
+        above 0, values that are not finite.
         """
         kind = camera_model(model)
         for name in parameters:
@@ -66,6 +67,13 @@ class Camera:
         missing = [n for n in REQUIRED if n not in parameters]
         if missing:
             raise InputError(f"a {model} camera needs {', '.join(REQUIRED)}; missing: {', '.join(missing)}")
+        for name in ("fx", "fy"):
+            if parameters[name] <= 0:
+                unit = kind.parameter_units[kind.index(name)]
+                raise InputError(
+                    f"{name} is {parameters[name]:g} {unit}; a focal length is above 0. A camera that delivers mirror "
+                    "images is used with its images flipped: --mirror-x"
+                )
         values = np.array([float(parameters.get(n, kind.neutral.get(n, 0.0))) for n in kind.parameter_names])
         cov = None if covariance is None else np.asarray(covariance, dtype=np.float64)
         return cls(kind, image_size, values, cov)

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.cameras import Camera
+from calibrant.cameras import Camera, camera_model
+from calibrant.cameras.plane_distortion import TERMS
 from calibrant.errors import InputError
 
 Array = NDArray[np.float64]
 Size = tuple[int, int]
 
-_BROWN = ("k1", "k2", "p1", "p2", "k3")
+_LENSES = ("pinhole", "brown", "rational", "thin_prism", "tilted")
+"""OpenCV's perspective models, fewest terms first."""
+COUNTS = (0, 1, 2, 4, 5, 8, 12, 14)
+"""How many coefficients OpenCV's functions and ROS messages come with."""
 
 
 @dataclass(frozen=True)
@@ -30,30 +34,68 @@ class CameraFormat:
     read: Callable[[Mapping[str, Any], Size | None], Camera]
 
 
-def camera_from_opencv(K: Array, distortion: Sequence[float], image_size: Size, *, model: str | None = None) -> Camera:
-    """Camera of a 3x3 matrix and coefficients in OpenCV's order; terms of other models are taken only when they are 0.
+def camera_from_opencv(K: Array, distortion: Sequence[float], found: Size | None, image_size: Size | None) -> Camera:
+    """Camera of a 3x3 matrix and 0 to 14 coefficients in OpenCV's order: the model with fewest terms that holds all.
 
-    Without coefficients, or with zeros alone, it is a pinhole. Raises: InputError for what no known model holds.
+    found, image_size: as `placed_camera`.
+    A matrix with skew gives pinhole_skew without distortion, and with k1 k2 p1 p2 the unified model, whose xi = 0 is
+    brown's with skew. Raises: InputError for what no known model holds.
     """
+    fx, fy, cx, cy, skew = matrix_parameters(K)
+    terms = np.asarray(distortion, dtype=np.float64).ravel()
+    if len(terms) not in COUNTS or not np.all(np.isfinite(terms)):
+        raise InputError(
+            f"{len(terms)} distortion coefficients {terms.tolist()}; expected 4, 5, 8, 12 or 14 finite ones in "
+            "OpenCV's order: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]]"
+        )
+    named = {name: float(value) for name, value in zip(TERMS, terms) if value != 0}
+    parameters = {"fx": fx, "fy": fy, "cx": cx, "cy": cy} | ({"skew": skew} if skew else {})
+    return placed_camera(smallest_model(named, skew), parameters | named, found, image_size)
+
+
+def smallest_model(terms: Iterable[str], skew: float) -> str:
+    """Name of the model with fewest terms that has all of `terms`. Raises: InputError where skew forbids it."""
+    wanted = set(terms)
+    if skew:
+        for name in ("pinhole_skew", "unified"):
+            if wanted <= set(camera_model(name).parameter_names):
+                return name
+        raise InputError(
+            f"the camera matrix has skew {skew:g} together with {', '.join(sorted(wanted))}; models with skew have "
+            "k1 k2 p1 p2 at most. OpenCV ignores skew: set it to 0 if the camera was calibrated there"
+        )
+    return next(name for name in _LENSES if wanted <= set(camera_model(name).parameter_names))
+
+
+def matrix_parameters(K: Array) -> tuple[float, float, float, float, float]:
+    """fx, fy, cx, cy, skew of a camera matrix. Raises: InputError for a matrix that is none."""
     if K.shape != (3, 3) or not np.all(np.isfinite(K)):
         raise InputError(f"the camera matrix is {K.tolist()}, expected 3x3 finite numbers")
-    if np.abs(K[[1, 2, 2, 2], [0, 0, 1, 2]] - [0, 0, 0, 1]).max() > 1e-9 or K[0, 0] <= 0 or K[1, 1] <= 0:
-        raise InputError(f"the camera matrix is {K.tolist()}, expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
-    if abs(K[0, 1]) > 1e-9 * K[0, 0]:
-        raise InputError(f"the camera matrix has skew {K[0, 1]:g}; the known models have none")
-    terms = np.asarray(distortion, dtype=np.float64).ravel()
-    if len(terms) not in (0, 1, 2, 4, 5, 8, 12, 14) or not np.all(np.isfinite(terms)):
-        raise InputError(f"{len(terms)} distortion coefficients {terms.tolist()}; expected 4 or 5: k1 k2 p1 p2 [k3]")
-    if np.any(terms[5:] != 0):
+    if np.abs(K[[1, 2, 2, 2], [0, 0, 1, 2]] - [0, 0, 0, 1]).max() > 1e-9:
+        raise InputError(f"the camera matrix is {K.tolist()}, expected [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]")
+    # A product of matrices leaves rounding where the zero was.
+    skew = float(K[0, 1]) if abs(K[0, 1]) > 1e-9 * abs(K[0, 0]) else 0.0
+    return float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]), skew
+
+
+def placed_camera(model: str, parameters: Mapping[str, float], found: Size | None, image_size: Size | None) -> Camera:
+    """The camera of parameters read from a file, for images of the size found there, or else of the caller's.
+
+    Raises: InputError when no size is known, both differ, or the principal point speaks against the size.
+    """
+    size = size_or_refuse(found, image_size)
+    camera = Camera.create(model, parameters, image_size=size)
+    # Lens shift, as projectors have it, moves the principal point out of the image, along one axis, by up to an image.
+    # A size that is not in the file has nothing but the principal point to say that it is the camera's.
+    room = 0.0 if found is None else 1.0
+    outside = [max(-value / n, (value - n) / n) for value, n in zip((parameters["cx"], parameters["cy"]), size)]
+    if max(outside) > room or min(outside) > 0:
         raise InputError(
-            f"{len(terms)} distortion coefficients with terms beyond k1 k2 p1 p2 k3; expected a model of five terms "
-            "(brown)"
+            f"the principal point ({parameters['cx']:g}, {parameters['cy']:g}) px lies outside of images of "
+            f"{size[0]}x{size[1]} px; expected a camera of images of this size. Is it the camera of larger images, or "
+            "are width and height exchanged?"
         )
-    parameters = {"fx": K[0, 0], "fy": K[1, 1], "cx": K[0, 2], "cy": K[1, 2]}
-    chosen = model or ("brown" if np.any(terms != 0) else "pinhole")
-    if chosen == "brown":
-        parameters |= dict(zip(_BROWN, terms[:5]))
-    return Camera.create(chosen, parameters, image_size=image_size)
+    return camera
 
 
 def size_or_refuse(found: Size | None, image_size: Size | None) -> Size:
@@ -84,3 +126,11 @@ def numbers(value: Any, what: str) -> Array:
         return np.asarray(value, dtype=np.float64).ravel()
     except (TypeError, ValueError) as error:
         raise InputError(f"{what} is {value!r}, expected numbers") from error
+
+
+def single(fields: Mapping[str, Any], key: str) -> float:
+    """The one number under a key. Raises: InputError where it is missing, a list, or no number."""
+    values = numbers(fields.get(key, []), key)
+    if len(values) != 1:
+        raise InputError(f"{key} holds {len(values)} numbers, expected one")
+    return float(values[0])

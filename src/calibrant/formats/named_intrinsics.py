@@ -1,4 +1,4 @@
-"""Intrinsics by name: fx, fy, cx, cy and, where given, k1, k2, p1, p2, k3; alone or under a key `intrinsics`."""
+"""Intrinsics by name: fx, fy, cx, cy and, where given, OpenCV's terms and skew; alone or under a key `intrinsics`."""
 
 from __future__ import annotations
 
@@ -6,10 +6,17 @@ from collections.abc import Mapping
 from typing import Any
 
 from calibrant.cameras import Camera
-from calibrant.formats.camera_format import CameraFormat, Size, numbers, size_or_refuse, whole_size
+from calibrant.cameras.plane_distortion import TERMS
+from calibrant.formats.camera_format import (
+    CameraFormat,
+    Size,
+    placed_camera,
+    single,
+    smallest_model,
+    whole_size,
+)
 
 _FOCAL = ("fx", "fy", "cx", "cy")
-_TERMS = ("k1", "k2", "p1", "p2", "k3")
 
 
 def _fields(data: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -24,11 +31,14 @@ def _matches(data: Mapping[str, Any]) -> bool:
 
 def _read(data: Mapping[str, Any], image_size: Size | None) -> Camera:
     fields = {**data, **_fields(data)}
-    parameters = {key: float(numbers([fields[key]], key)[0]) for key in (*_FOCAL, *_TERMS) if key in fields}
+    parameters = {key: single(fields, key) for key in (*_FOCAL, "skew", *TERMS) if key in fields}
     width, height = (fields.get(key, fields.get(f"image_{key}")) for key in ("width", "height"))
-    size = whole_size(width, height) if width and height else None
-    model = "brown" if any(key in parameters for key in _TERMS) else "pinhole"
-    return Camera.create(model, parameters, image_size=size_or_refuse(size, image_size))
+    found = whole_size(width, height) if width and height else None
+    skew = parameters.get("skew", 0.0)
+    if not skew:
+        parameters.pop("skew", None)
+    terms = [key for key in TERMS if key in parameters]
+    return placed_camera(smallest_model(terms, skew), parameters, found, image_size)
 
 
 NAMED_INTRINSICS = CameraFormat("named intrinsics (fx, fy, cx, cy)", _matches, _read)

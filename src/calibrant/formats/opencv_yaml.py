@@ -1,7 +1,8 @@
 """Intrinsics in OpenCV's own file format: `Intr.yml` written, FileStorage YAML, XML and JSON read.
 
 Written keys are those of OpenCV's calibration sample: image_width, image_height, camera_matrix,
-distortion_coefficients (k1 k2 p1 p2 k3), avg_reprojection_error (RMS per point over both axes, px). Added:
+distortion_coefficients (k1 k2 p1 p2 k3, and on to tx ty for the models that have them), avg_reprojection_error (RMS per
+point over both axes, px). Added:
 camera_model, parameter_names and parameter_sigma (1 sigma, 0 for a fixed term).
 """
 
@@ -16,9 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.cameras import Camera, camera_model
+from calibrant.cameras.plane_distortion import TERMS
 from calibrant.data.result_file import write_text
 from calibrant.errors import InputError
-from calibrant.formats.camera_format import CameraFormat, Size, camera_from_opencv, numbers, size_or_refuse, whole_size
+from calibrant.formats.camera_format import (
+    CameraFormat,
+    Size,
+    camera_from_opencv,
+    matrix_parameters,
+    numbers,
+    placed_camera,
+    single,
+    whole_size,
+)
 from calibrant.formats.opencv_storage import yaml_text
 
 _MATRIX_KEYS = ("cameramatrix", "k", "m1", "intrinsicmatrix", "intrinsics", "intrinsic", "mtx", "camint", "cameramat")
@@ -31,21 +42,18 @@ _SIZE_KEYS = ("imagesize", "size", "resolution")
 _SHAPE_KEYS = ("imgshape", "imageshape", "shape")
 """An array's shape is (rows, columns): height first."""
 
-
-_BROWN = ("k1", "k2", "p1", "p2", "k3")
-_RATIONAL = (*_BROWN, "k4", "k5", "k6")
-_PRISM = (*_RATIONAL, "s1", "s2", "s3", "s4")
 _TERMS = {
-    "pinhole": _BROWN,
-    "pinhole_skew": _BROWN,
-    "brown": _BROWN,
-    "rational": _RATIONAL,
-    "thin_prism": _PRISM,
-    "tilted": (*_PRISM, "tx", "ty"),
+    "pinhole": TERMS[:5],
+    "pinhole_skew": TERMS[:5],
+    "brown": TERMS[:5],
+    "rational": TERMS[:8],
+    "thin_prism": TERMS[:12],
+    "tilted": TERMS,
     "kannala_brandt": ("k1", "k2", "k3", "k4"),
     "unified": ("k1", "k2", "p1", "p2"),
 }
 """The models that OpenCV has, with its coefficients in its order: cv2.fisheye's and cv2.omnidir's (with xi) last."""
+_FISHEYE, _OMNIDIR = "kannala_brandt", "unified"
 
 
 def is_opencvs(camera: Camera) -> bool:
@@ -94,38 +102,46 @@ def _read(data: Mapping[str, Any], image_size: Size | None) -> Camera:
         raise InputError("no 3x3 camera matrix")
     named = {_key(k): v for k, v in data.items()}
     distortion: Any = next((named[k] for k in _DISTORTION_KEYS if k in named), [])
-    model = named.get("cameramodel")
-    sigma = named.get("parametersigma")
-    if model in _TERMS and model not in ("pinhole", "brown"):
-        camera = _named_model(str(model), K, named, distortion, size_or_refuse(_size(named), image_size))
-        return _with_sigma(camera, named, sigma)
-    if "fisheye" in str(model).lower() or named.get("fisheyemodel"):
-        raise InputError("a fisheye camera of OpenCV's; expected a pinhole or brown camera")
-    camera = camera_from_opencv(
-        K,
-        numbers(distortion, "distortion").tolist(),
-        size_or_refuse(_size(named), image_size),
-        model=model if model in ("pinhole", "brown") else None,
-    )
-    return _with_sigma(camera, named, sigma)
+    model = _model_named(named)
+    terms = numbers(distortion, "distortion")
+    found = _size(named)
+    if model in _TERMS and model != "pinhole":
+        camera = _named_model(model, K, named, terms, found, image_size)
+    else:
+        camera = camera_from_opencv(K, terms.tolist(), found, image_size)
+    return _with_sigma(camera, named)
 
 
-def _named_model(model: str, K: NDArray, named: Mapping[str, Any], distortion: Any, size: Size) -> Camera:
-    """A camera that `write_intrinsics` wrote, of a model beyond brown. Raises: InputError for a wrong count."""
-    terms = numbers(distortion, "distortion").ravel()
-    if len(terms) != len(_TERMS[model]):
+def _model_named(named: Mapping[str, Any]) -> str | None:
+    """The model that the file names: in our words, by OpenCV's fisheye flag, or by the xi that only omnidir has."""
+    model = str(named.get("cameramodel", ""))
+    if model in _TERMS:
+        return model
+    if "fisheye" in model.lower() or named.get("fisheyemodel"):
+        return _FISHEYE
+    return _OMNIDIR if "xi" in named else None
+
+
+def _named_model(
+    model: str, K: NDArray, named: Mapping[str, Any], terms: NDArray, found: Size | None, image_size: Size | None
+) -> Camera:
+    """A camera of a model that the file names. Raises: InputError for a wrong count of coefficients."""
+    expected = _TERMS[model]
+    if model == "brown" and len(terms) == 4:
+        expected = expected[:4]
+    if len(terms) != len(expected):
         raise InputError(f"{len(terms)} distortion coefficients; a {model} camera has {', '.join(_TERMS[model])}")
-    parameters = {"fx": K[0, 0], "fy": K[1, 1], "cx": K[0, 2], "cy": K[1, 2]}
     kind = camera_model(model)
-    parameters |= {k: v for k, v in zip(_TERMS[model], terms) if k in kind.parameter_names}
-    if "skew" in kind.parameter_names:
-        parameters["skew"] = K[0, 1]
-    if "xi" in kind.parameter_names:
-        parameters["xi"] = float(named["xi"])
-    return Camera.create(model, parameters, image_size=size)
+    fx, fy, cx, cy, skew = matrix_parameters(K)
+    parameters = {"fx": fx, "fy": fy, "cx": cx, "cy": cy} | ({"skew": skew} if skew else {})
+    if model == _OMNIDIR:
+        parameters["xi"] = single(named, "xi")
+    parameters |= {k: float(v) for k, v in zip(expected, terms) if k in kind.parameter_names}
+    return placed_camera(model, parameters, found, image_size)
 
 
-def _with_sigma(camera: Camera, named: Mapping[str, Any], sigma: Any) -> Camera:
+def _with_sigma(camera: Camera, named: Mapping[str, Any]) -> Camera:
+    sigma = named.get("parametersigma")
     if sigma is None or str(named.get("parameternames", "")).split() != list(camera.model.parameter_names):
         return camera
     # The file keeps the variances alone; correlations live in the JSON result.

@@ -56,7 +56,7 @@ def detect(
     outputs.check()
     source = Source(tuple(images or ()), target, None, o.split_names(exclude), mirror_x, workers, quiet or json, cache)
     files = source.files()
-    outputs.spare(files)
+    outputs.spare(source.inputs(files))
     _check_folder(overlays)
     found = source.read(files)
     pictures = {} if overlays is None else _pictures(found, overlays)
@@ -67,7 +67,7 @@ def detect(
         from rich.console import Console
 
         Console().print(table(found))
-    result = _result(found, session.file_records(files), mirror_x=mirror_x)
+    result = _result(found, session.file_records(source.inputs(files)), mirror_x=mirror_x)
     if out is not None:
         result.write(out, force=force)
     if overlays is not None:
@@ -90,9 +90,8 @@ def table(found: Observations) -> RenderableType:
     from rich.text import Text
 
     from calibrant.formats.natural_order import natural_key
-    from calibrant.targets.registry import parse_target
 
-    total = len(parse_target(found.target).points) if found.target else 0
+    total = _total(found)
     rows = {v.id: (f"{len(v)} of {total}", _noise(v), Text("found")) for v in found.views}
     rows |= {m.id: ("0", "", Text(f"not found: {m.reason}", style="red")) for m in found.missed}
     grid = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
@@ -104,6 +103,17 @@ def table(found: Observations) -> RenderableType:
         grid.add_row(Text(name), *rows[name])
     head = Text(f"{found.target}: found in {len(found.views)} of {len(rows)} photos\n", style="bold")
     return Group(head, grid, *(Text(f"\n{note}") for note in found.notes))
+
+
+def _total(found: Observations) -> int:
+    """How many points the target has; of own points, whose files are all that is known, how many were seen at all."""
+    from calibrant.targets.point_folder import PointFolder
+    from calibrant.targets.registry import parse_target
+
+    target = parse_target(found.target) if found.target else None
+    if target is None or isinstance(target, PointFolder):
+        return len({label for view in found.views for label in view.point_ids.tolist()})
+    return len(target.points)
 
 
 def _noise(view: View) -> str:

@@ -133,13 +133,18 @@ def detect_boards(
     camera: str = "camera",
 ) -> Observations:
     """Find the target in every file, with progress. Args: cache: as `cache_folder` takes it."""
+    from calibrant.cli.own_points import read_beside
     from calibrant.detect import detect
+    from calibrant.targets.point_folder import PointFolder
     from calibrant.targets.registry import parse_target
 
+    wanted = parse_target(target)
+    if isinstance(wanted, PointFolder):
+        return read_beside(files, wanted, mirror_x=mirror_x, camera=camera)
     with progress("Finding boards", quiet=quiet) as step:
         return detect(
             files,
-            target=parse_target(target),
+            target=wanted,
             mirror_x=mirror_x,
             workers=workers,
             camera=camera,

@@ -80,7 +80,11 @@ class Source:
 
     def inputs(self, files: Sequence[Path]) -> list[Path]:
         """Every file that was read."""
-        return [*files, *([self.observations] if self.observations is not None else [])]
+        if self.observations is not None:
+            return [self.observations]
+        from calibrant.cli.own_points import files_beside
+
+        return [*files, *files_beside(files, self.target)]
 
     def _check_file_alone(self) -> None:
         if self.images:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calibrant.errors import InputError
-from calibrant.targets import aprilgrid, bundle, charuco, circles, marker, point_list
+from calibrant.targets import aprilgrid, bundle, charuco, circles, marker, point_folder
 from calibrant.targets.grid import parse_grid
 from calibrant.targets.lengths import parse_length
 from calibrant.targets.target import Target
@@ -41,7 +41,7 @@ KINDS: dict[str, TargetKind] = {
     "aprilgrid": TargetKind(aprilgrid.SYNTAX, aprilgrid.parse),
     "marker": TargetKind(marker.SYNTAX, marker.parse),
     "bundle": TargetKind(bundle.SYNTAX, bundle.parse),
-    "points": TargetKind(point_list.SYNTAX, point_list.parse),
+    "points": TargetKind(point_folder.SYNTAX, point_folder.parse),
 }
 
 

@@ -107,30 +107,28 @@ def _accumulate(J, q, length, H, g):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
-def _view(rows, parameters, T, theta, points, modes, uv, weight, first, n, loss, scale_sq, H, g):  # type: ignore[no-untyped-def]
+def _view(rows, parameters, T, theta, points, modes, uv, weight, first, n, loss, scale_sq, scratch, H, g):  # type: ignore[no-untyped-def]
     """Normal equations of one view; returns its cost."""
     k, m = parameters.shape[0], modes.shape[0]
     q = 6 + k + m
-    p = np.empty((3, n))
-    rotated = np.empty((3, n))
-    predicted = np.empty((2, n))
-    J_point = np.empty((6, n))
-    J_parameters = np.empty((2 * k, n))
-    J = np.empty((q + 1, 2 * n))
+    p, rotated, predicted, J_point, J_parameters, J, root = scratch
+    point_x, point_y, point_z = points[0, first : first + n], points[1, first : first + n], points[2, first : first + n]
+    rotated_x, rotated_y, rotated_z = rotated[0], rotated[1], rotated[2]
     for i in range(n):
-        x, y, z = points[0, first + i], points[1, first + i], points[2, first + i]
+        x, y, z = point_x[i], point_y[i], point_z[i]
         for mode in range(m):
             x += theta[mode] * modes[mode, 0, first + i]
             y += theta[mode] * modes[mode, 1, first + i]
             z += theta[mode] * modes[mode, 2, first + i]
-        rx = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z
-        ry = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z
-        rz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z
-        rotated[0, i], rotated[1, i], rotated[2, i] = rx, ry, rz
-        p[0, i], p[1, i], p[2, i] = rx + T[0, 3], ry + T[1, 3], rz + T[2, 3]
+        rotated_x[i] = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z
+        rotated_y[i] = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z
+        rotated_z[i] = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z
+    for row in range(3):
+        into, source, shift = p[row], rotated[row], T[row, 3]
+        for i in range(n):
+            into[i] = source[i] + shift
     rows(n, parameters, p, predicted, J_point, J_parameters)
     cost = 0.0
-    root = np.empty(n)
     for i in range(n):
         w = weight[first + i]
         du, dv = predicted[0, i] - uv[0, first + i], predicted[1, i] - uv[1, first + i]
@@ -139,28 +137,29 @@ def _view(rows, parameters, T, theta, points, modes, uv, weight, first, n, loss,
         w *= np.sqrt(slope)
         root[i] = w
         J[q, i], J[q, n + i] = w * du, w * dv
+    # Slices of rows: an index that a loop counts from 0 needs no check for its sign, so the loops vectorise.
     for half in range(2):
-        o, j = half * n, half * 3
+        a, b, c = J_point[3 * half], J_point[3 * half + 1], J_point[3 * half + 2]
+        here = J[:, half * n : (half + 1) * n]
+        turn_x, turn_y, turn_z, move_x, move_y, move_z = here[0], here[1], here[2], here[3], here[4], here[5]
         for i in range(n):
-            w = root[i]
-            jx, jy, jz = w * J_point[j, i], w * J_point[j + 1, i], w * J_point[j + 2, i]
-            rx, ry, rz = rotated[0, i], rotated[1, i], rotated[2, i]
-            J[0, o + i] = jz * ry - jy * rz
-            J[1, o + i] = jx * rz - jz * rx
-            J[2, o + i] = jy * rx - jx * ry
-            J[3, o + i], J[4, o + i], J[5, o + i] = jx, jy, jz
-        for c in range(k):
+            jx, jy, jz = root[i] * a[i], root[i] * b[i], root[i] * c[i]
+            turn_x[i] = jz * rotated_y[i] - jy * rotated_z[i]
+            turn_y[i] = jx * rotated_z[i] - jz * rotated_x[i]
+            turn_z[i] = jy * rotated_x[i] - jx * rotated_y[i]
+            move_x[i], move_y[i], move_z[i] = jx, jy, jz
+        for column in range(k):
+            into, source = here[6 + column], J_parameters[half * k + column]
             for i in range(n):
-                J[6 + c, o + i] = root[i] * J_parameters[half * k + c, i]
+                into[i] = root[i] * source[i]
         for mode in range(m):
+            into, dx, dy, dz = here[6 + k + mode], modes[mode, 0], modes[mode, 1], modes[mode, 2]
             for i in range(n):
-                dx, dy, dz = modes[mode, 0, first + i], modes[mode, 1, first + i], modes[mode, 2, first + i]
-                vx = T[0, 0] * dx + T[0, 1] * dy + T[0, 2] * dz
-                vy = T[1, 0] * dx + T[1, 1] * dy + T[1, 2] * dz
-                vz = T[2, 0] * dx + T[2, 1] * dy + T[2, 2] * dz
-                J[6 + k + mode, o + i] = root[i] * (
-                    J_point[j, i] * vx + J_point[j + 1, i] * vy + J_point[j + 2, i] * vz
-                )
+                x, y, z = dx[first + i], dy[first + i], dz[first + i]
+                vx = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z
+                vy = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z
+                vz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z
+                into[i] = root[i] * (a[i] * vx + b[i] * vy + c[i] * vz)
     _accumulate(J, q, 2 * n, H, g)
     return cost
 
@@ -170,11 +169,25 @@ def normal_equations(  # type: ignore[no-untyped-def]
     rows, parameters, camera, T, theta, modes, points, uv, weight, offsets, loss, scale_sq, first, last, H, g, cost
 ):
     """Fill H (m, q, q), g (m, q) and cost (m,) of the views first <= v < last."""
+    k, q, largest = parameters.shape[1], H.shape[1], 0
+    for v in range(first, last):
+        largest = max(largest, offsets[v + 1] - offsets[v])
+    # One set of rows for all views: they stay in the nearest cache.
+    scratch = (
+        np.empty((3, largest)),
+        np.empty((3, largest)),
+        np.empty((2, largest)),
+        np.empty((6, largest)),
+        np.empty((2 * k, largest)),
+        np.empty((q + 1, 2 * largest)),
+        np.empty(largest),
+    )
     for v in range(first, last):
         start, n = offsets[v], offsets[v + 1] - offsets[v]
         cost[v] = _view(
-            rows, parameters[camera[v]], T[v], theta[0], points, modes, uv, weight, start, n, loss, scale_sq, H[v], g[v]
-        )
+            rows, parameters[camera[v]], T[v], theta[0], points, modes, uv, weight, start, n, loss, scale_sq, scratch,
+            H[v], g[v],
+        )  # fmt: skip
 
 
 @njit(_RESIDUALS, cache=True, nogil=True, fastmath=FAST, error_model="numpy")

@@ -128,7 +128,7 @@ def _add(destination: Array, scatter: Scatter, blocks: Array) -> None:
 
 def _diagonal(M: Array) -> Array:
     """Diagonal, with 1 in place of 0: an unknown that nothing depends on keeps a zero step."""
-    d = np.einsum("...ii->...i", M)
+    d = np.diagonal(M, axis1=-2, axis2=-1)
     return np.where(d > 0, d, 1.0)
 
 
@@ -156,7 +156,8 @@ def reduce_shared(equations: NormalEquations, parts: Sequence[Elimination], damp
     S, s = equations.S.copy(), equations.s.copy()
     if not len(s):
         return S, s
-    S.reshape(-1)[:: len(s) + 1] += damping * _diagonal(equations.S)
+    if damping:
+        S.reshape(-1)[:: len(s) + 1] += damping * _diagonal(equations.S)
     for part in parts:
         Y = part.Y.reshape(-1, S.shape[0])
         S -= Y.T @ Y
@@ -180,7 +181,6 @@ def solve(equations: NormalEquations, damping: float) -> Step | None:
     predicted = -0.5 * float(equations.s @ shared) + 0.5 * damping * float(diagonal @ (shared * shared))
     for part, V, v in zip(parts, equations.V, equations.v):
         d = np.empty_like(v)
-        linear_kernels.substitute(part.L, part.Y, part.z, shared, d)
-        predicted += -0.5 * float(np.vdot(v, d)) + 0.5 * damping * float(np.vdot(_diagonal(V), d * d))
+        predicted += linear_kernels.substitute(part.L, part.Y, part.z, shared, V, v, damping, d)
         components.append(d)
     return Step(tuple(components), shared, predicted)

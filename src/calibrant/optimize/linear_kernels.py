@@ -121,10 +121,20 @@ def invert_definite(S, inverse):  # type: ignore[no-untyped-def]
     return smallest
 
 
-@njit(types.void(_f3, _f3, _f2, _f1, _f2), cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
-def substitute(L, Y, z, shared, d):  # type: ignore[no-untyped-def]
-    """d = -L^-T (z + Y shared): the components' steps once the shared step is known."""
+@njit(
+    types.float64(_f3, _f3, _f2, _f1, _f3, _f2, types.float64, _f2),
+    cache=True,
+    nogil=True,
+    fastmath=_FAST,
+    error_model="numpy",
+)
+def substitute(L, Y, z, shared, V, v, damping, d):  # type: ignore[no-untyped-def]
+    """d = -L^-T (z + Y shared): the components' steps once the shared step is known.
+
+    Returns their share of the predicted decrease, 1/2 (damping d^T diag(V) d - v^T d).
+    """
     n, b, s = Y.shape
+    predicted = 0.0
     for c in range(n):
         for j in range(b):
             total = z[c, j]
@@ -136,6 +146,10 @@ def substitute(L, Y, z, shared, d):  # type: ignore[no-untyped-def]
             for k in range(j + 1, b):
                 total -= L[c, k, j] * d[c, k]
             d[c, j] = total / L[c, j, j]
+        for j in range(b):
+            own = V[c, j, j] if V[c, j, j] > 0.0 else 1.0
+            predicted += damping * own * d[c, j] * d[c, j] - v[c, j] * d[c, j]
+    return 0.5 * predicted
 
 
 @njit(types.void(_f3, _f3, _f2, _f3, _f3), cache=True, nogil=True, fastmath=_FAST, error_model="numpy")

@@ -11,6 +11,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -162,7 +163,11 @@ class SE3(Manifold):
         return ("rotation x", "rotation y", "rotation z", "x", "y", "z")
 
     def retract(self, values: Array, free: Array) -> Array:
-        return se3.retract(values, free)
+        from calibrant.optimize import pose_kernels
+
+        moved = np.empty((len(values), 4, 4))
+        pose_kernels.retract(np.ascontiguousarray(values), np.ascontiguousarray(free), moved)
+        return moved
 
     def local(self, origin: Array, values: Array) -> Array:
         return se3.local(origin, values)
@@ -247,7 +252,7 @@ class Variable:
     def count(self) -> int:
         return len(self.values)
 
-    @property
+    @cached_property
     def free_dim(self) -> int:
         return 0 if self.constant else len(self.manifold.free_names)
 

@@ -232,6 +232,9 @@ def _scatter(
     into: _Target, slots: tuple[int, int], transpose: bool, edges: Indices | None, corner: Indices, block: Indices
 ) -> Scatter:
     """Edge e adds to the positions corner[e] + block; edges that share a corner are summed first."""
+    if bool(np.all(corner[1:] > corner[:-1])):
+        target = _contiguous((corner[:, None] + block.ravel()).ravel())
+        return Scatter(into.destination, into.batch, slots, transpose, edges, target, None, None)
     order = np.argsort(corner, kind="stable")
     ranked = corner[order]
     starts = np.flatnonzero(np.concatenate([[True], ranked[1:] != ranked[:-1]]))

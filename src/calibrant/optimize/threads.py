@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from itertools import pairwise
 
-SMALLEST_PIECE_SECONDS = 4e-4
+SMALLEST_PIECE_SECONDS = 2.5e-4
 """Work below which a thread does not pay: handing a piece over costs about 5e-5 s."""
 
 

@@ -1,4 +1,4 @@
-"""Read images as grey pictures, and lists of images from names, patterns and folders."""
+"""Read images upright, in grey or as they are, and lists of images from names, patterns and folders."""
 
 from __future__ import annotations
 
@@ -6,16 +6,22 @@ import re
 from collections.abc import Iterable
 from glob import glob, has_magic
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.detect import image_header
 from calibrant.detect.video import frame_of, frames, read_frame, video_of
 from calibrant.errors import InputError
 
-EXTENSIONS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm", ".pnm", ".jp2")
+EXTENSIONS = (
+    *(".png", ".jpg", ".jpeg", ".jpe", ".bmp", ".dib", ".tif", ".tiff", ".webp", ".jp2"),
+    *(".pbm", ".pgm", ".ppm", ".pnm", ".sr", ".ras"),
+)
 """What a folder is searched for; a file that is named is read whatever its name."""
+_SUN_RASTER = b"\x59\xa6\x6a\x95"
 
 
 def expand(paths: Iterable[str | Path] | str | Path) -> list[Path]:
@@ -65,29 +71,79 @@ def load_grey(path: str | Path) -> NDArray[np.uint8]:
 
     Images of more than 8 bits are divided by the power of two that fits their brightest pixel into 8 bits, so that 10,
     12 and 14 bits in 16 keep their contrast.
-    Raises: InputError when the file is missing, empty, or no image.
+    Raises: InputError when the file is missing, empty, cut off, animated, or no image.
     """
     path = Path(path)
     frame = frame_of(path)
     if frame is not None:
         return to_grey8(read_frame(*frame))
+    data = _bytes_of(path)
+    image = _decoded(path, data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
+    if image is None:
+        # Colour in floating point, for one, has no grey form in the decoder.
+        image = _decoded(path, data, cv2.IMREAD_UNCHANGED)
+    return to_grey8(_upright(path, data, image))
+
+
+def load_image(path: str | Path) -> NDArray[Any]:
+    """An image as it is stored, (h, w) grey or (h, w, 3 or 4) BGR with alpha, 8, 16 or 32 bits, turned upright.
+
+    Raises: as `load_grey`.
+    """
+    path = Path(path)
+    frame = frame_of(path)
+    if frame is not None:
+        return read_frame(*frame)
+    data = _bytes_of(path)
+    return _upright(path, data, _decoded(path, data, cv2.IMREAD_UNCHANGED))
+
+
+def orientation_of(path: str | Path) -> int:
+    """EXIF's orientation 1 to 8 of an image file, by which the other functions turn it; 1 for a video's frame.
+
+    Raises: InputError when the file cannot be read.
+    """
+    path = Path(path)
+    return image_header.UPRIGHT if frame_of(path) is not None else image_header.orientation(_bytes_of(path))
+
+
+def _bytes_of(path: Path) -> bytes:
     try:
-        data = np.fromfile(path, dtype=np.uint8)
+        data = path.read_bytes()
     except FileNotFoundError:
         raise InputError(f"image {path} does not exist") from None
     except OSError as error:
         raise InputError(f"image {path} cannot be read: {error.strerror or error}") from None
-    if data.size == 0:
+    if not data:
         raise InputError(f"image {path} is empty (0 bytes)")
+    if image_header.is_cut_off(data):
+        raise InputError(f"image {path} is cut off: its {len(data)} bytes end before the picture does; copy it again")
+    count = image_header.pictures(data)
+    if count > 1:
+        raise InputError(
+            f"image {path} holds {count} pictures (an animation, or pages); expected one a file: save each on its own, "
+            "or all as a video"
+        )
+    return data
+
+
+def _decoded(path: Path, data: bytes, flags: int) -> NDArray[Any] | None:
+    """The pixels, or None where the decoder has no such form. Raises: InputError for what it cannot read at all."""
+    if data[:4] == _SUN_RASTER:
+        # OpenCV 4.13 and before give a grey raster without a palette as all black, except in colour.
+        flags = cv2.IMREAD_COLOR
     try:
-        image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
+        return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error as error:
         raise InputError(f"image {path} cannot be decoded: {error.err}") from None
+
+
+def _upright(path: Path, data: bytes, image: NDArray[Any] | None) -> NDArray[Any]:
     if image is None or image.size == 0:
         raise InputError(
-            f"{path} is not an image that can be read (its {data.size} bytes are damaged or another format)"
+            f"{path} is not an image that can be read (its {len(data)} bytes are damaged or another format)"
         )
-    return to_grey8(image)
+    return image_header.turned(image, image_header.orientation(data))
 
 
 def to_grey8(image: NDArray) -> NDArray[np.uint8]:

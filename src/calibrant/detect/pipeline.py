@@ -15,7 +15,8 @@ from calibrant.data import DEFAULT_CAMERA, Missed, Observations, View
 from calibrant.detect.cache import Cache, key_of
 from calibrant.detect.detection import Detection
 from calibrant.detect.executors import executor_for
-from calibrant.detect.images import expand, load_grey
+from calibrant.detect.image_header import UPRIGHT, WORDS
+from calibrant.detect.images import expand, load_grey, orientation_of
 from calibrant.detect.likeness import notes_on_likeness
 from calibrant.detect.registry import detector_for
 from calibrant.errors import DetectionError, InputError
@@ -77,7 +78,8 @@ def detect(
         raise DetectionError(_why_none(readable, wanted, len(done)) + mirrored)
     names = _ids([d.file for d in done])
     views = tuple(_view(d, names[d.file], wanted, camera) for d in found)
-    notes = [note for d in done for note in d.detection.notes]
+    notes = [*notes_on_orientation([d.file for d in done if d.size is not None])]
+    notes += [note for d in done for note in d.detection.notes]
     return Observations(
         views=views,
         image_sizes={camera: size},
@@ -101,6 +103,21 @@ def detect_file(file: Path, target: Target, mirror_x: bool) -> ImageDetection:
         grey = np.ascontiguousarray(grey[:, ::-1])
     h, w = grey.shape
     return ImageDetection(file, (w, h), detector_for(target.kind).detect(grey, target))
+
+
+def notes_on_orientation(files: Sequence[Path]) -> list[str]:
+    """What EXIF did to the images, where it turned any: the camera's axes are then those of the turned images."""
+    asked = Counter(orientation_of(file) for file in files)
+    if set(asked) <= {UPRIGHT}:
+        return []
+    each = [f"{count} {WORDS[o]}" for o, count in sorted(asked.items()) if o != UPRIGHT]
+    text = f"Images turned upright as their EXIF data say: {', '.join(each)}, of {len(files)}."
+    if len(asked) > 1:
+        text += (
+            " A camera that was held in different ways has its axes and its principal point at different places of the "
+            "images: calibrate them apart, or remove the orientation from the files."
+        )
+    return [text]
 
 
 def _run(

@@ -8,6 +8,7 @@ import zlib
 import cv2
 import numpy as np
 import pytest
+from tests.detect.chessboard_pictures import Lens, facing, picture
 
 from calibrant.detect import detect
 from calibrant.detect.images import EXTENSIONS, expand, load_grey, load_image, orientation_of, to_grey8
@@ -285,14 +286,15 @@ def test_images_of_size_zero_are_named(tmp_path):
 
 def test_bad_images_cost_themselves_alone(tmp_path):
     """Every kind of bad file beside one good photo: the good one is used, the others are listed with their reasons."""
-    board = np.kron((np.indices((7, 9)).sum(axis=0) % 2 * 255).astype(np.uint8), np.ones((40, 40), np.uint8))
-    save(tmp_path / "good.png", cv2.GaussianBlur(np.pad(board, 60, constant_values=255), (5, 5), 1.0))
+    lens = Lens(290.0, 160.0, 120.0)
+    pose = facing(9, 6, lens, distance=15, tilt_deg=10, axis_deg=30, roll_deg=5)
+    save(tmp_path / "good.png", picture(9, 6, pose, lens, (320, 240)))
     (tmp_path / "empty.png").touch()
     (tmp_path / "text.jpg").write_text("no image")
     (tmp_path / "moving.webp").write_bytes(animated_webp(2))
     (tmp_path / "cut.png").write_bytes((tmp_path / "good.png").read_bytes()[:200])
     (tmp_path / "zero.pgm").write_bytes(b"P5\n0 0\n255\n")
-    found = detect([tmp_path], target="chessboard:8x6:25mm", workers=1)
+    found = detect([tmp_path], target="chessboard:9x6:25mm", workers=1)
     assert [v.id for v in found.views] == ["good.png"]
     reasons = {m.id: m.reason for m in found.missed}
     assert set(reasons) == {"empty.png", "text.jpg", "moving.webp", "cut.png", "zero.pgm"}

@@ -234,7 +234,7 @@ def poses_of_rays(xy: Array, rays: Array, offsets: Indices) -> tuple[Array, NDAr
     """
     unit = rays / np.linalg.norm(rays, axis=1, keepdims=True)
     edge = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
-    turn = _onto_axis(_means(unit, offsets))
+    turn = onto_axis(_means(unit, offsets))
     turned = (turn[edge] @ unit[:, :, None])[..., 0]
     ahead = np.minimum.reduceat(turned[:, 2], offsets[:-1]) > 1e-3
     depth = np.where(turned[:, 2:] > 1e-3, turned[:, 2:], 1.0)
@@ -243,7 +243,20 @@ def poses_of_rays(xy: Array, rays: Array, offsets: Indices) -> tuple[Array, NDAr
     return back @ T, good & ahead
 
 
-def _onto_axis(direction: Array) -> Array:
+def rays_of(kind: CameraModel, parameters: Array, uv: Array) -> Array:
+    """Unit rays (n, 3) of observed pixels. Raises: InputError for a pixel that the starting camera does not reach."""
+    rays = kind.unproject(parameters, uv)
+    lost = ~np.isfinite(rays).all(axis=1)
+    if lost.any():
+        bad = uv[lost][0]
+        raise InputError(
+            f"the initial camera has no ray for the observed pixel ({bad[0]:.1f}, {bad[1]:.1f}); "
+            "its distortion does not reach that far: is it a camera of this image size?"
+        )
+    return rays
+
+
+def onto_axis(direction: Array) -> Array:
     """Rotations (m, 3, 3) that turn directions (m, 3) onto +z."""
     d = direction / np.linalg.norm(direction, axis=1, keepdims=True)
     axis = np.stack([d[:, 1], -d[:, 0], np.zeros(len(d))], axis=1)  # d x z

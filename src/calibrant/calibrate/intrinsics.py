@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate import camera_start, planar_start
+from calibrant.calibrate import camera_start, planar_start, spatial_start
 from calibrant.calibrate.camera_options import camera_manifold, expand_fix
 from calibrant.calibrate.chain import Link
 from calibrant.calibrate.intrinsics_checks import intrinsics_checks, require_conditions
@@ -26,6 +26,7 @@ from calibrant.calibrate.outliers import Marked, mark, points_reason, view_reaso
 from calibrant.calibrate.planar_start import PlaneViews
 from calibrant.calibrate.provenance import refuse_if_failed, stamp
 from calibrant.calibrate.reprojection import ReprojectionFactor, StackedViews, stack
+from calibrant.calibrate.spatial_start import SolidViews, see_target
 from calibrant.calibrate.target_shape import FLAT, Flat, shape_of, with_noise
 from calibrant.calibrate.weights import reweighted
 from calibrant.cameras import Camera, CameraModel
@@ -127,7 +128,7 @@ def calibrate_keeping(
     views, too_small = _enough_points(observations.views)
     if views:
         stacked = stack(views)
-        seen = planar_start.see_plane(stacked)
+        seen = see_target(stacked)
         if not seen.good.all():
             views, on_a_line = _without(views, seen.good)
             too_small |= on_a_line
@@ -135,7 +136,8 @@ def calibrate_keeping(
     if not views:
         found = f"{len(observations.missed)} images without a board" if observations.missed else "no views were given"
         raise InputError(f"there is no view with {MINIMUM_POINTS} points or more to calibrate from ({found})")
-    require_conditions(len(views), kind, fix)
+    if isinstance(seen, PlaneViews):
+        require_conditions(len(views), kind, fix)
     try:
         start = find_start(stacked, seen, kind, image_size, initial=initial, fix=fix)
         fit, marked = _fit_and_clean(views, stacked, start, kind, fix, max_error_px)
@@ -170,7 +172,7 @@ def _without(views: Sequence[View], good: NDArray[np.bool_]) -> tuple[tuple[View
 
 def find_start(
     views: StackedViews,
-    seen: PlaneViews,
+    seen: PlaneViews | SolidViews,
     kind: CameraModel,
     image_size: tuple[int, int],
     *,
@@ -179,15 +181,18 @@ def find_start(
 ) -> Start:
     """Closed-form start: from `initial` when given, else by how the model's rays lie.
 
-    Perspective: Zhang's, else the best of a grid of focal lengths. All around or parallel: see `camera_start`.
+    Perspective: Zhang's, else the best of a grid of focal lengths. All around or parallel: see `camera_start`. Targets
+    with depth: see `spatial_start`.
     """
+    if isinstance(seen, SolidViews):
+        if initial is None:
+            _refuse_unknown_focal_length(kind, fix)
+        return Start(*spatial_start.start_parameters(views, kind, image_size, initial=initial))
     if initial is not None:
         parameters = camera_start.transferred(initial, kind, views.uv)
-        T, _ = camera_start.poses_of_rays(seen.xy, _rays(kind, parameters, views.uv), views.offsets)
+        T, _ = camera_start.poses_of_rays(seen.xy, camera_start.rays_of(kind, parameters, views.uv), views.offsets)
         return Start(parameters, T @ seen.T_plane_target)
-    held = set(expand_fix(fix, kind)[0]) - set(kind.gauge)
-    if {"fx", "fy"} & held:
-        raise InputError("to fix the focal length, give its value: --initial camera.json (initial=… in Python)")
+    _refuse_unknown_focal_length(kind, fix)
     if kind.projection != "perspective":
         parameters, T = camera_start.start_parameters(kind, seen.xy, views.uv, views.offsets, image_size)
         return Start(parameters, T @ seen.T_plane_target)
@@ -199,6 +204,12 @@ def find_start(
             focal = (float(np.sqrt(focal[0] * focal[1])),) * 2
         return _start_at(kind, seen, focal, centre)
     return _best_of_grid(views, seen, kind, image_size, centre, fix)
+
+
+def _refuse_unknown_focal_length(kind: CameraModel, fix: Sequence[str]) -> None:
+    held = set(expand_fix(fix, kind)[0]) - set(kind.gauge)
+    if {"fx", "fy"} & held:
+        raise InputError("to fix the focal length, give its value: --initial camera.json (initial=… in Python)")
 
 
 def _best_of_grid(
@@ -228,18 +239,6 @@ def _start_at(kind: CameraModel, seen: PlaneViews, focal: tuple[float, float], c
         parameters[kind.index(name)] = value
     K = np.array([[focal[0], 0, centre[0]], [0, focal[1], centre[1]], [0, 0, 1.0]])
     return Start(parameters, planar_start.poses(seen.H, K) @ seen.T_plane_target)
-
-
-def _rays(kind: CameraModel, parameters: Array, uv: Array) -> Array:
-    rays = kind.unproject(parameters, uv)
-    lost = ~np.isfinite(rays).all(axis=1)
-    if lost.any():
-        bad = uv[lost][0]
-        raise InputError(
-            f"the initial camera has no ray for the observed pixel ({bad[0]:.1f}, {bad[1]:.1f}); "
-            "its distortion does not reach that far: is it a camera of this image size?"
-        )
-    return rays
 
 
 def refine(
@@ -337,7 +336,8 @@ def _result(
     max_error_px: float | None,
     initial: Camera | None,
 ) -> CalibrationResult:
-    require_conditions(len(fit.views), kind, fix)
+    if spatial_start.is_flat(fit.stacked.points):
+        require_conditions(len(fit.views), kind, fix)
     solution = fit.solution
     residuals = solution.residuals("reprojection")
     squares = np.sum(residuals**2, axis=1)

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from calibrant.calibrate import camera_start, planar_start
 from calibrant.calibrate.reprojection import StackedViews
+from calibrant.calibrate.spatial_start import is_flat
 from calibrant.cameras import Camera, CameraModel
 from calibrant.data import Check
 from calibrant.errors import RefusedError
@@ -48,7 +49,9 @@ def refuse_wide_lens(kind: CameraModel, views: StackedViews, image_size: tuple[i
 
 
 def _reach_deg(views: StackedViews, image_size: tuple[int, int]) -> float | None:
-    """Largest angle from the axis by the closed-form start; None where the views determine no lens."""
+    """Largest angle from the axis by the closed-form start; None where the views determine no lens, or have depth."""
+    if not is_flat(views.points):
+        return None
     try:
         xy = planar_start.in_plane(views.points).xy
         start = camera_start.radial_start(xy, views.uv, views.offsets, image_size)

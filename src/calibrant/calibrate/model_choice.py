@@ -18,6 +18,7 @@ from calibrant.calibrate import camera_start, planar_start
 from calibrant.calibrate.camera_options import ASPECT, GROUPS, expand_fix
 from calibrant.calibrate.intrinsics import Kept, calibrate_keeping
 from calibrant.calibrate.reprojection import stack
+from calibrant.calibrate.spatial_start import is_flat
 from calibrant.calibrate.target_poses import target_poses
 from calibrant.cameras import Camera, camera_model
 from calibrant.data import CalibrationResult, Check, HeldOut, Observations, verdict_of
@@ -113,7 +114,7 @@ def ladder(observations: Observations, fix: Sequence[str] = ()) -> tuple[str, ..
     """
     views = [v for v in observations.views if len(v) >= 4]
     rungs = LADDERS["narrow"]
-    if views:
+    if views and is_flat(np.concatenate([v.points for v in views])):
         stacked = stack(views)
         image_size = next(iter(observations.image_sizes.values()))
         xy = planar_start.in_plane(stacked.points).xy

@@ -2,7 +2,8 @@
 
 A plane seen with weak perspective has two poses that fit (Schweighofer and Pinz 2006, "Robust pose estimation from a
 planar target"): the second is the first with the plane's normal mirrored at the line of sight. Both are refined and
-the better one is kept; `ambiguity` says how much better it is.
+the better one is kept, the other comes with it. A target with depth has its best plane mirrored: the
+nearly flat ones have a second pose too.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate import camera_start, planar_start
+from calibrant.calibrate import camera_start, planar_start, spatial_start
 from calibrant.calibrate.chain import Link
 from calibrant.calibrate.reprojection import ReprojectionFactor, StackedViews, stack
 from calibrant.cameras import Camera
@@ -33,14 +34,15 @@ class TargetPoses:
     """T_camera_target (m, 4, 4) of m views.
 
     covariance (m, 6, 6) for unit pixel noise: multiply by sigma_px^2; rms_px (m,) per point, both axes;
-    doubles (m, 4, 4) the best pose of the mirrored kind, doubles_rms_px its residual. When that is hardly larger,
-    the view cannot tell the two apart.
+    doubles (m, 4, 4) the best pose of the mirrored kind, doubles_covariance and doubles_rms_px as above. When that is
+    hardly larger, the view cannot tell the two apart; where there is no second minimum the double is the pose itself.
     """
 
     T_camera_target: Array
     covariance: Array
     rms_px: Array
     doubles: Array
+    doubles_covariance: Array
     doubles_rms_px: Array
 
 
@@ -52,7 +54,6 @@ def target_poses(camera: Camera, views: Sequence[View], *, loss: Loss | None = N
     Raises: InputError for a view whose points do not determine a pose, naming it.
     """
     stacked = stack(views)
-    planar = planar_start.in_plane(stacked.points)
     rays = camera.unproject(stacked.uv)
     lost = ~np.isfinite(rays).all(axis=1)
     if lost.any():
@@ -60,15 +61,15 @@ def target_poses(camera: Camera, views: Sequence[View], *, loss: Loss | None = N
         raise InputError(
             f"view {view.id!r} has points outside the camera's valid field; is it the camera that took it?"
         )
-    T_plane, good = camera_start.poses_of_rays(planar.xy, rays, stacked.offsets)
+    start, normal, good = _starts(stacked, rays)
     if not good.all():
         view = views[int(np.flatnonzero(~good)[0])]
         raise InputError(f"view {view.id!r}: its {len(view)} points determine no pose (fewer than 4, or on a line)")
-    first, first_covariance, first_rms = _refine(camera, stacked, T_plane @ planar.T_plane_target, loss, sigma)
-    mirrored = _mirrored(first @ se3.inverse(planar.T_plane_target), planar.xy, stacked)
-    hidden = _hidden(camera, mirrored @ planar.T_plane_target, stacked)
-    mirrored[hidden] = (first @ se3.inverse(planar.T_plane_target))[hidden]
-    second, second_covariance, second_rms = _refine(camera, stacked, mirrored @ planar.T_plane_target, loss, sigma)
+    first, first_covariance, first_rms = _refine(camera, stacked, start, loss, sigma)
+    mirrored = _mirrored(first, normal, stacked)
+    hidden = _hidden(camera, mirrored, stacked)
+    mirrored[hidden] = first[hidden]
+    second, second_covariance, second_rms = _refine(camera, stacked, mirrored, loss, sigma)
     swap = second_rms < first_rms
     pick = swap[:, None, None]
     return TargetPoses(
@@ -76,8 +77,22 @@ def target_poses(camera: Camera, views: Sequence[View], *, loss: Loss | None = N
         np.where(pick, second_covariance, first_covariance),
         np.where(swap, second_rms, first_rms),
         np.where(pick, first, second),
+        np.where(pick, first_covariance, second_covariance),
         np.where(swap, first_rms, second_rms),
     )
+
+
+def _starts(views: StackedViews, rays: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """T_camera_target (m, 4, 4), normals (m, 3) of the views' best planes, target frame, and where there is a pose."""
+    m = len(views.offsets) - 1
+    if spatial_start.is_flat(views.points):
+        planar = planar_start.in_plane(views.points)
+        T, good = camera_start.poses_of_rays(planar.xy, rays, views.offsets)
+        return T @ planar.T_plane_target, np.broadcast_to(planar.T_plane_target[2, :3], (m, 3)), good
+    T, good = spatial_start.poses_of_rays(views.points, rays, views.offsets)
+    parts = np.split(views.points, views.offsets[1:-1])
+    normals = [np.linalg.svd(p - p.mean(axis=0), full_matrices=True)[2][2] for p in parts]
+    return T, np.array(normals), good
 
 
 def _refine(
@@ -108,19 +123,17 @@ def _hidden(camera: Camera, T_camera_target: Array, views: StackedViews) -> NDAr
     return np.logical_or.reduceat(unseen, views.offsets[:-1])
 
 
-def _mirrored(T_camera_plane: Array, xy: Array, views: StackedViews) -> Array:
-    """Poses with the plane's normal reflected at the line of sight to the points' centroid, centroid kept."""
+def _mirrored(T_camera_target: Array, normals: Array, views: StackedViews) -> Array:
+    """Poses with the plane's normal (m, 3), target frame, reflected at the line of sight to the points' centroid."""
     counts = np.diff(views.offsets)[:, None]
-    centroid = np.concatenate(
-        [np.add.reduceat(xy, views.offsets[:-1], axis=0) / counts, np.zeros((len(counts), 1))], axis=1
-    )
-    seen = se3.apply(T_camera_plane, centroid)
+    centroid = np.add.reduceat(views.points, views.offsets[:-1], axis=0) / counts
+    seen = se3.apply(T_camera_target, centroid)
     sight = seen / np.linalg.norm(seen, axis=1, keepdims=True)
-    normal = T_camera_plane[:, :3, 2]
+    normal = (T_camera_target[:, :3, :3] @ normals[:, :, None])[..., 0]
     target = 2 * np.sum(normal * sight, axis=1, keepdims=True) * sight - normal
     axis = np.cross(normal, target)
     sine = np.linalg.norm(axis, axis=1, keepdims=True)
     angle = np.arctan2(sine[:, 0], np.sum(normal * target, axis=1))
     turn = so3.exp(axis / np.maximum(sine, 1e-12) * angle[:, None])
-    R = turn @ T_camera_plane[:, :3, :3]
+    R = turn @ T_camera_target[:, :3, :3]
     return se3.make(R, seen - (R @ centroid[:, :, None])[..., 0])

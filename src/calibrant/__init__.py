@@ -10,6 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from calibrant.calibrate.hand_eye.calibrate import calibrate_hand_eye as calibrate_hand_eye
+    from calibrant.calibrate.hand_eye.joint_offsets import JointReadings as JointReadings
+    from calibrant.calibrate.hand_eye.several import calibrate_several as calibrate_several
+    from calibrant.calibrate.hand_eye.several_setting import Pictures as Pictures
     from calibrant.calibrate.intrinsics import calibrate_intrinsics as calibrate_intrinsics
     from calibrant.cameras import Camera as Camera
     from calibrant.data import CalibrationResult as CalibrationResult
@@ -37,12 +40,15 @@ _PUBLIC = {
     "Check": ("calibrant.data", "Check"),
     "FrameGraph": ("calibrant.geometry.frames", "FrameGraph"),
     "InputError": ("calibrant.errors", "InputError"),
+    "JointReadings": ("calibrant.calibrate.hand_eye.joint_offsets", "JointReadings"),
     "Observations": ("calibrant.data", "Observations"),
     "RefusedError": ("calibrant.errors", "RefusedError"),
+    "Pictures": ("calibrant.calibrate.hand_eye.several_setting", "Pictures"),
     "RobotPoses": ("calibrant.data", "RobotPoses"),
     "View": ("calibrant.data", "View"),
     "calibrate_hand_eye": ("calibrant.calibrate.hand_eye.calibrate", "calibrate_hand_eye"),
     "calibrate_intrinsics": ("calibrant.calibrate.intrinsics", "calibrate_intrinsics"),
+    "calibrate_several": ("calibrant.calibrate.hand_eye.several", "calibrate_several"),
     "detect": ("calibrant.detect", ""),
     "parse_target": ("calibrant.targets.registry", "parse_target"),
     "read": ("calibrant.data.result_file", "read_result"),

@@ -8,6 +8,7 @@ from calibrant.data.poses import RobotPoses as RobotPoses
 from calibrant.data.results import CalibrationResult as CalibrationResult
 from calibrant.data.results import Check as Check
 from calibrant.data.results import HeldOut as HeldOut
+from calibrant.data.results import JointCovariance as JointCovariance
 from calibrant.data.results import Measured as Measured
 from calibrant.data.results import MethodResult as MethodResult
 from calibrant.data.results import SigmaRobot as SigmaRobot

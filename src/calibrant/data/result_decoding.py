@@ -17,6 +17,7 @@ from calibrant.data.results import (
     CalibrationResult,
     Check,
     HeldOut,
+    JointCovariance,
     Measured,
     MethodResult,
     SigmaRobot,
@@ -105,13 +106,14 @@ def decode(data: Any) -> CalibrationResult:
     if verdict not in ("ok", "warn", "refused"):
         raise InputError(f"file.verdict is {verdict!r}, expected 'ok', 'warn' or 'refused'")
     robot, scale, held = (_maybe(data, key, dict, "file") for key in ("sigma_robot", "target_scale", "held_out"))
-    poses, seen = (_maybe(data, key, dict, "file") for key in ("robot_poses", "observations"))
+    poses, seen, joint = (_maybe(data, k, dict, "file") for k in ("robot_poses", "observations", "joint_covariance"))
     return CalibrationResult(
         kind=_get(data, "kind", str, "file"),
         verdict=verdict,  # type: ignore[arg-type]
         checks=_records(data, "checks", _decode_check),
         cameras=_named(data, "cameras", _decode_camera),
         transforms=_records(data, "transforms", _decode_transform),
+        joint_covariance=None if joint is None else _decode_joint(joint),
         rms_px=_maybe_number(data, "rms_px", "file"),
         sigma_px=_maybe_number(data, "sigma_px", "file"),
         sigma_robot=None if robot is None else _decode_sigma_robot(robot),
@@ -152,6 +154,16 @@ def _decode_transform(data: Json, where: str) -> TransformEstimate:
         _array(data, "matrix", (4, 4), where),
         _maybe_array(data, "covariance", (6, 6), where),
     )
+
+
+def _decode_joint(data: Json) -> JointCovariance:
+    where = "joint_covariance"
+    frames = []
+    for i, pair in enumerate(_get(data, "frames", list, where)):
+        if not isinstance(pair, list) or len(pair) != 2:
+            raise InputError(f"{where}.frames[{i}] is {json.dumps(pair)[:60]}, expected [parent, child]")
+        frames.append((str(pair[0]), str(pair[1])))
+    return JointCovariance(tuple(frames), _array(data, "matrix", (-1, -1), where))
 
 
 def _decode_check(data: Json, where: str) -> Check:

@@ -33,6 +33,7 @@ def encode(result: CalibrationResult) -> Json:
             "verdict": result.verdict,
             "cameras": {name: _encode_camera(camera) for name, camera in result.cameras.items()} or None,
             "transforms": [_encode_transform(t) for t in result.transforms] or None,
+            "joint_covariance": None if result.joint_covariance is None else dict(vars(result.joint_covariance)),
             "rms_px": result.rms_px,
             "sigma_px": result.sigma_px,
             "sigma_robot": None if result.sigma_robot is None else _present(vars(result.sigma_robot)),

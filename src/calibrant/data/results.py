@@ -67,6 +67,25 @@ class TransformEstimate:
         return None if self.covariance is None else np.rad2deg(np.sqrt(np.diag(self.covariance)[:3]))
 
 
+@dataclass(frozen=True, eq=False)
+class JointCovariance:
+    """Covariance (6 k, 6 k) of k transforms together; frames: (parent, child) of each, in the order of the blocks.
+
+    Each transform's six components are those of `TransformEstimate`: what the errors of two cameras have in common
+    stands off the diagonal.
+    """
+
+    frames: tuple[tuple[str, str], ...]
+    matrix: Array
+
+    def __post_init__(self) -> None:
+        size = 6 * len(self.frames)
+        if np.shape(self.matrix) != (size, size):
+            raise InputError(
+                f"{len(self.frames)} transforms need a ({size}, {size}) matrix, got {np.shape(self.matrix)}"
+            )
+
+
 @dataclass(frozen=True)
 class SigmaRobot:
     """Noise of the robot's poses, 1 sigma per axis, estimated from the data, with the sigma of the estimate."""
@@ -119,6 +138,8 @@ class CalibrationResult:
     checks: tuple[Check, ...] = ()
     cameras: Mapping[str, Camera] = field(default_factory=dict)
     transforms: tuple[TransformEstimate, ...] = ()
+    joint_covariance: JointCovariance | None = None
+    """Of the transforms that were found in one problem, where there are more than a camera's and a target's."""
     rms_px: float | None = None
     sigma_px: float | None = None
     sigma_robot: SigmaRobot | None = None

@@ -1,0 +1,314 @@
+"""The result of several cameras and robots: transforms with their joint covariance, views, held-out error, checks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.calibrate.chain import Link, link_maps, product
+from calibrant.calibrate.hand_eye.checks import LOOP_WARN, convergence_check
+from calibrant.calibrate.hand_eye.several_problem import (
+    Several,
+    fitted_cameras,
+    fitted_transforms,
+    geometry_variable,
+    pictures_factor,
+    pixel_group,
+    prediction,
+    robot_groups,
+    said_poses,
+    several_problem,
+)
+from calibrant.calibrate.hand_eye.several_setting import STANDING, Frame, Layout, variable
+from calibrant.data import (
+    CalibrationResult,
+    Check,
+    HeldOut,
+    JointCovariance,
+    Observations,
+    RobotPoses,
+    SigmaRobot,
+    TransformEstimate,
+    ViewResult,
+    as_transform,
+    verdict_of,
+)
+from calibrant.geometry import se3
+from calibrant.optimize.levenberg_marquardt import solve
+from calibrant.optimize.noise import NoiseEstimate, NoiseLevel
+from calibrant.optimize.solution import Solution
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+FOLDS = 10
+"""Groups that are held out one after the other: a tenth less data costs no more than the tenth of a sigma."""
+HELD_OUT_FACTOR = 2.0
+"""Leaving one of n poses out inflates the error by about 1 + 6 / n; twofold means single poses carry the result."""
+
+
+@dataclass(frozen=True, eq=False)
+class LoopDeviations:
+    """Distance (mm) and angle (deg) between where each used view sees its target and where the robot puts it."""
+
+    mm: Array
+    deg: Array
+
+    @property
+    def rms(self) -> tuple[float, float]:
+        return float(np.sqrt(np.mean(self.mm**2))), float(np.sqrt(np.mean(self.deg**2)))
+
+
+def several_result(
+    several: Several, noise: NoiseEstimate, left_out: Sequence[ViewResult], options: Mapping[str, Any]
+) -> CalibrationResult:
+    """The result, whose verdict follows from its checks."""
+    solution, layout = noise.solution, several.layout
+    loop = _deviations(several, solution, [d.use for d in several.data])
+    held = _held_out(several, solution)
+    views = (*_views(several, solution), *left_out)
+    checks = _checks(several, noise, loop, held, views)
+    levels = noise.levels
+    return CalibrationResult(
+        kind="hand-eye",
+        verdict=verdict_of(checks),
+        checks=checks,
+        cameras=fitted_cameras(several, solution),
+        transforms=_transforms(several, solution),
+        joint_covariance=_joint(several, solution),
+        rms_px=_rms_px(several, solution),
+        sigma_px=_pooled([levels[pixel_group(c)] for c in layout.cameras]),
+        sigma_robot=_sigma_robot(levels, next(iter(layout.robots))) if len(layout.robots) == 1 else None,
+        views=views,
+        held_out=None if held is None else HeldOut(*held.rms),
+        options={**options, **_figures(several, noise)},
+        observations=_observations(layout),
+        robot_poses=_poses(several, solution),
+    )
+
+
+def _transforms(several: Several, solution: Solution) -> tuple[TransformEstimate, ...]:
+    """All unknown transforms, then T_a_b of every two cameras on one body, with the covariance that both share."""
+    out = [
+        as_transform(*frame, T, solution.covariance(variable(frame)))
+        for frame, T in fitted_transforms(several, solution).items()
+    ]
+    cameras = [f for f in several.layout.unknown if f[1] in several.layout.cameras]
+    for a, b in combinations(cameras, 2):
+        if a[0] == b[0]:
+            out.append(_between(solution, a, b))
+    return tuple(out)
+
+
+def _between(solution: Solution, a: Frame, b: Frame) -> TransformEstimate:
+    """T_a_b = T_parent_a^-1 T_parent_b with its covariance."""
+    once = np.zeros(1, dtype=np.int64)
+    chain = [Link(variable(a), once, inverted=True), Link(variable(b), once)]
+    values = [solution.value(k.variable) for k in chain]
+    J = np.concatenate([M[0] for M in link_maps(chain, values)], axis=1)
+    C = J @ solution.joint_covariance([(k.variable, 0) for k in chain]) @ J.T
+    return as_transform(a[1], b[1], product(chain, values)[0], C)
+
+
+def _joint(several: Several, solution: Solution) -> JointCovariance:
+    frames = several.layout.unknown
+    return JointCovariance(frames, solution.joint_covariance([(variable(f), 0) for f in frames]))
+
+
+def _deviations(several: Several, solution: Solution, rows: Sequence[Mask]) -> LoopDeviations:
+    """Of these rows of every list; standing cameras have no loop."""
+    deltas = [np.zeros((0, 6))]
+    for i, (p, r) in enumerate(zip(several.layout.pictures, rows)):
+        if p.setup != STANDING and r.any():
+            T, _ = prediction(several, solution, i, r)
+            deltas.append(se3.local(T, several.data[i].B[r]))
+    d = np.concatenate(deltas)
+    return LoopDeviations(1e3 * np.linalg.norm(d[:, 3:], axis=1), np.rad2deg(np.linalg.norm(d[:, :3], axis=1)))
+
+
+def _held_out(several: Several, solution: Solution) -> LoopDeviations | None:
+    """Errors of views whose moments were left out of the fit, its noise levels kept; None with too few moments."""
+    moments = sorted({(p.robot, m) for p in several.layout.pictures for m in several.moments(p.robot)})
+    folds = min(FOLDS, len(moments))
+    if folds < 4:
+        return None
+    fold = {moment: k % folds for k, moment in enumerate(moments)}
+    transforms, mm, deg = fitted_transforms(several, solution), [], []
+    for k in range(folds):
+        out = [
+            np.array([use and fold.get((p.robot, name), -1) == k for name, use in zip(d.ids, d.use)], dtype=bool)
+            & (p.setup != STANDING)
+            for p, d in zip(several.layout.pictures, several.data)
+        ]
+        rest = several.kept([~o for o in out])
+        if any(before.use.any() and not after.use.any() for before, after in zip(several.data, rest.data)):
+            return None
+        without = solve(several_problem(rest, transforms, solution.sigmas))
+        if without.unobservable:
+            return None
+        errors = _deviations(several, without, out)
+        mm.append(errors.mm)
+        deg.append(errors.deg)
+    return LoopDeviations(np.concatenate(mm), np.concatenate(deg))
+
+
+def _views(several: Several, solution: Solution) -> list[ViewResult]:
+    out = []
+    for i, (p, data) in enumerate(zip(several.layout.pictures, several.data)):
+        views = several.used_views(i)
+        squares, poses = _fit_of(solution, i) if views else (np.zeros(0), np.zeros((0, 4, 4)))
+        parts = iter(np.split(squares, np.cumsum([len(v) for v in views])[:-1]) if views else ())
+        refined = iter(poses)
+        for view, use, reason, B in zip(data.views or (), data.use, data.reasons, data.B):
+            rms = float(np.sqrt(next(parts).mean())) if use else None
+            T = next(refined) if use else B
+            out.append(ViewResult(view.id, bool(use), len(view), rms, reason, p.camera, 0, T))
+    return out
+
+
+def _fit_of(solution: Solution, i: int) -> tuple[Array, Array]:
+    """Squared residual norms (N,), px^2, and T_camera_target (m, 4, 4) of list i in the joint fit."""
+    k = solution.problem.factor_index(pictures_factor(i))
+    factor = solution.problem.factors[k]
+    T = factor.T_camera_target(*solution.problem.gather(k, solution.values))  # type: ignore[attr-defined]
+    return np.sum(solution.residuals(pictures_factor(i)) ** 2, axis=1), T
+
+
+def _rms_px(several: Several, solution: Solution) -> float:
+    lists = [i for i in range(len(several.data)) if several.used_views(i)]
+    return float(np.sqrt(np.concatenate([_fit_of(solution, i)[0] for i in lists]).mean()))
+
+
+def _pooled(levels: Sequence[NoiseLevel]) -> float:
+    """One noise level for the reader: the mean square over what each camera's rests on."""
+    weight = np.array([level.redundancy for level in levels])
+    return float(np.sqrt(np.sum(weight * [level.sigma**2 for level in levels]) / weight.sum()))
+
+
+def _sigma_robot(levels: Mapping[str, NoiseLevel], robot: str) -> SigmaRobot | None:
+    rotation, translation = (levels.get(g) for g in robot_groups(robot))
+    if rotation is None or translation is None:
+        return None
+    return SigmaRobot(
+        1e3 * translation.sigma,
+        float(np.rad2deg(rotation.sigma)),
+        1e3 * translation.deviation if np.isfinite(translation.deviation) else None,
+        float(np.rad2deg(rotation.deviation)) if np.isfinite(rotation.deviation) else None,
+    )
+
+
+def _figures(several: Several, noise: NoiseEstimate) -> dict[str, Any]:
+    """Noise by camera and robot, and the robots' own errors: what the one number of a result cannot hold."""
+    layout = several.layout
+    out: dict[str, Any] = {}
+    if len(layout.cameras) > 1:
+        out["sigma_px_of"] = {c: noise.levels[pixel_group(c)].sigma for c in layout.cameras}
+    if len(layout.robots) > 1:
+        robots = {r: _sigma_robot(noise.levels, r) for r in layout.robots}
+        out["sigma_robot_of"] = {r: {"mm": s.mm, "deg": s.deg} for r, s in robots.items() if s is not None}
+    for robot, free in several.free.items():
+        rows = [
+            {
+                "name": p.parameter.name,
+                "unit": p.parameter.unit,
+                "correction": p.correction,
+                **({"sigma": p.sigma} if p.sigma is not None else {"reason": p.reason}),
+            }
+            for p in free.parameters(noise.solution, geometry_variable(robot))
+        ]
+        out.setdefault("parameters", {})[robot] = rows
+    return out
+
+
+def _observations(layout: Layout) -> Observations:
+    """All cameras' views; their moments are the ids of the result's robot poses."""
+    views = [v for p in layout.pictures for v in _as_moments(layout, p.robot, p.observations).views]
+    sizes = {c: s for p in layout.pictures for c, s in p.observations.image_sizes.items()}
+    missed = tuple(m for p in layout.pictures for m in p.observations.missed)
+    specs = {p.observations.target for p in layout.pictures}
+    return Observations(tuple(views), sizes, specs.pop() if len(specs) == 1 else None, missed)
+
+
+def _as_moments(layout: Layout, robot: str, observations: Observations) -> Observations:
+    if len(layout.robots) == 1:
+        return observations
+    return replace(observations, views=tuple(replace(v, moment=f"{robot}/{v.moment}") for v in observations.views))
+
+
+def _poses(several: Several, solution: Solution) -> RobotPoses:
+    """The poses that the fit rests on, joint offsets applied; with several robots, each in its own base."""
+    robots = several.layout.robots
+    ids = [i if len(robots) == 1 else f"{r}/{i}" for r, poses in robots.items() for i in poses.ids]
+    T = np.concatenate([said_poses(several, solution, r) for r in robots])
+    source = "joint offsets applied" if several.free else "; ".join(p.source for p in robots.values() if p.source)
+    return RobotPoses(tuple(ids), T, source)
+
+
+def _checks(
+    several: Several,
+    noise: NoiseEstimate,
+    loop: LoopDeviations,
+    held: LoopDeviations | None,
+    views: Sequence[ViewResult],
+) -> tuple[Check, ...]:
+    checks = [_views_check(views), _loop_check(several, loop)]
+    if held is not None:
+        checks.append(_held_out_check(loop, held))
+    checks += [_certainty_check(t) for t in _transforms(several, noise.solution) if t.child in several.layout.cameras]
+    checks += [_joints_check(several, robot, noise.solution) for robot in several.free]
+    return (*checks, convergence_check(noise.solution, noise.settled, noise.rounds))
+
+
+def _views_check(views: Sequence[ViewResult]) -> Check:
+    used = sum(v.used for v in views)
+    out = [f"{v.camera}: {v.id}" for v in views if not v.used]
+    text = f"{used} of {len(views)} views used" + (f"; left out: {', '.join(out[:8])}" if out else "")
+    return Check("views", "warn" if used < len(views) * 2 / 3 else "ok", text, float(used))
+
+
+def _loop_check(several: Several, loop: LoopDeviations) -> Check:
+    """Are robots and cameras of one opinion?"""
+    mm, deg = loop.rms
+    motion = [d.B[d.use][:, :3, 3] for p, d in zip(several.layout.pictures, several.data) if p.setup != STANDING]
+    size = max((1e3 * float(np.linalg.norm(t - t.mean(axis=0), axis=1).mean()) for t in motion if len(t)), default=0.0)
+    text = f"cameras and robots agree on the targets to {mm:.3g} mm / {deg:.2g} deg rms"
+    if size > 0 and mm > LOOP_WARN * size:
+        return Check("loop", "warn", f"{text}, {mm / size:.0%} of the motion: expect no better accuracy", mm)
+    return Check("loop", "ok", text, mm)
+
+
+def _held_out_check(loop: LoopDeviations, held: LoopDeviations) -> Check:
+    (mm, deg), ratio = held.rms, held.rms[0] / max(loop.rms[0], 1e-9)
+    text = f"views left out of the calibration are predicted to {mm:.3g} mm / {deg:.2g} deg rms"
+    if ratio > HELD_OUT_FACTOR and mm > 1e-6:
+        return Check("held-out", "warn", f"{text}, {ratio:.1f} times the loop: single poses carry the result", ratio)
+    return Check("held-out", "ok", text, ratio)
+
+
+def _certainty_check(t: TransformEstimate) -> Check:
+    sigma = np.asarray(t.sigma_translation_mm)
+    axes = ", ".join(f"{s:.2g}" for s in sigma)
+    text = f"{t.child} in the frame of {t.parent} is known to ({axes}) mm (1 sigma along x, y, z)"
+    return Check(f"certainty-{t.parent}-{t.child}", "ok", text, float(np.linalg.norm(sigma)))
+
+
+def _joints_check(several: Several, robot: str, solution: Solution) -> Check:
+    """What was found of a robot's joints, in words."""
+    from calibrant.calibrate.kinematics.identify import figure
+
+    rows = several.free[robot].parameters(solution, geometry_variable(robot))
+    found = [p for p in rows if p.sigma is not None]
+    held = [p for p in rows if p.sigma is None]
+    text = "; ".join(
+        f"{p.parameter.name} {figure(p.correction, p.parameter.unit)} ± {figure(p.sigma or 0.0, p.parameter.unit)}"
+        for p in found
+    )
+    more = f"; held: {', '.join(f'{p.parameter.name} ({p.reason})' for p in held)}" if held else ""
+    if not found:
+        return Check("joints", "warn", f"nothing of the robot's joints can be told from these pictures{more}", 0.0)
+    return Check("joints", "ok", f"{text}{more}", float(len(found)))

@@ -57,7 +57,8 @@ def align_coplanar(xy: Array, image: Array, *, aspect: float, scale: Scale) -> A
     M = np.column_stack([x * Y, y * Y, Y, -x * X, -y * X, -X])
     found = _solved(M)
     block = found.values[[0, 1, 3, 4]].reshape(2, 2)
-    refuse_facing(*_tilt(found, block))
+    known = [0, 1, 3, 4]
+    refuse_facing(*lean_of(block, found.covariance[np.ix_(known, known)]))
     h = _scaled(found, M, scale, block_scale(block), _size(xy))
     h = h * block_scale(h[[0, 1, 3, 4]].reshape(2, 2))
     h = h * agreeing_sign(xy @ h[:2] + h[2], xy @ h[3:5] + h[5], X, Y)
@@ -156,18 +157,17 @@ def _scaled(found: NullVector, M: Array, scale: Scale, length: float, size: floa
     return h
 
 
-def _tilt(found: NullVector, block: Array) -> tuple[float, float]:
-    """1 - cos of a plane's tilt, and its 1 sigma, from the unknowns of slide 55.
+def lean_of(block: Array, covariance: Array) -> tuple[float, float]:
+    """1 - cos of a plane's tilt, and its 1 sigma, from C = ((v1, v2), (v4, v5)) and the covariance (4, 4) of its rows.
 
-    The block's singular values are 1 and cos of the tilt; their difference is the length of e = (r1 - r5, r2 + r4), or
-    with r5, r4 negated for a plane seen from behind.
+    The block's singular values are 1 and cos of the tilt; their difference is the length of e = (v1 - v5, v2 + v4), or
+    with v5, v4 negated for a plane seen from behind.
     """
     side = 1.0 if np.linalg.det(block) >= 0 else -1.0
-    E = np.zeros((2, 6))
-    E[0, [0, 4]], E[1, [1, 3]] = (1.0, -side), (1.0, side)
+    E = np.array([[1, 0, 0, -side], [0, 1, side, 0]])
+    noise = np.linalg.eigvalsh(E @ covariance @ E.T)[-1]
     larger = 1 / block_scale(block)
-    noise = np.linalg.eigvalsh(E @ found.covariance @ E.T)[-1]
-    return float(np.linalg.norm(E @ found.values)) / larger, float(np.sqrt(max(noise, 0.0))) / larger
+    return float(np.linalg.norm(E @ block.ravel())) / larger, float(np.sqrt(max(noise, 0.0))) / larger
 
 
 def refuse_facing(lean: float, sigma: float) -> None:
@@ -177,8 +177,9 @@ def refuse_facing(lean: float, sigma: float) -> None:
         tilt, smallest = (float(np.rad2deg(np.arccos(1 - min(v, 1.0)))) for v in (lean, least))
         raise Degenerate(
             FRONTO_PARALLEL,
-            f"the plane faces the camera (tilt {tilt:.2g} degrees, the points tell no less than {smallest:.2g}): "
-            "near with a short lens and far with a long one look the same. Tilt the target 20 to 45 degrees",
+            f"a tilt of {tilt:.2g} degrees cannot be told from a plane that faces the camera (the points' noise hides "
+            f"up to {smallest:.2g}), and then near with a short lens and far with a long one look the same. Tilt the "
+            "target 20 to 45 degrees",
         )
 
 

@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calibrant.calibrate.classical.linear import null_vector
+from calibrant.calibrate.classical.linear import UNSURE, NullVector, null_vector
 from calibrant.calibrate.classical.points import ClassicalCalibration, checked_pairs, dimension, image_centre
 from calibrant.calibrate.classical.refusals import (
     BEHIND,
@@ -36,6 +36,10 @@ from calibrant.geometry import se3, so3
 Array = NDArray[np.float64]
 
 LEAST_POINTS = 6
+SECOND_SOLUTION = (
+    "a second set of coefficients fits the points as well: they lie nearly in a plane for their noise, or with the "
+    "camera on a twisted cubic. Use points that spread further in depth"
+)
 AFFINE = 1e-9
 """Length of (a31, a32, a33) in normalised coordinates below which all points have one depth: a parallel projection."""
 
@@ -63,11 +67,7 @@ def dlt(points: ArrayLike, uv: ArrayLike) -> Array:
     zero = np.zeros_like(q)
     found = null_vector(np.concatenate([np.hstack([q, zero, -n[:, :1] * q]), np.hstack([zero, q, -n[:, 1:2] * q])]))
     if not found.determined:
-        raise Degenerate(
-            UNDETERMINED,
-            "a second set of coefficients fits the points as well: they lie nearly in a plane for their noise, or with "
-            "the camera on a twisted cubic. Use points that spread further in depth",
-        )
+        raise Degenerate(UNDETERMINED, SECOND_SOLUTION)
     normalised = found.values.reshape(3, 4)
     if np.linalg.norm(normalised[2, :3]) < AFFINE * np.linalg.norm(normalised):
         raise Degenerate(
@@ -84,6 +84,8 @@ def dlt(points: ArrayLike, uv: ArrayLike) -> Array:
             f"the camera that fits best has {int(np.sum(depth <= 0))} of {len(p)} points behind it; check that pixels "
             "and points are in the same order",
         )
+    if not _directions_known(found):
+        raise Degenerate(UNDETERMINED, SECOND_SOLUTION)
     return P
 
 
@@ -108,10 +110,9 @@ def decompose(P: ArrayLike) -> tuple[Array, Array]:
     Q, U = np.linalg.qr(M[::-1].T)
     K, R = U.T[::-1, ::-1], Q.T[::-1]
     sign = np.where(np.diag(K) < 0, -1.0, 1.0)
-    K, R = K * sign, R * sign[:, None]
-    scale = K[2, 2]
+    K, R = np.asarray(K * sign, dtype=np.float64), R * sign[:, None]
     t = np.linalg.solve(K, given[:, 3] / np.linalg.norm(given[2, :3]))
-    return np.asarray(K / scale, dtype=np.float64), se3.make(so3.nearest(R), t)
+    return K / K[2, 2], se3.make(so3.nearest(R), t)
 
 
 def calibrate_dlt(points: ArrayLike, uv: ArrayLike, *, image_size: tuple[int, int]) -> ClassicalCalibration:
@@ -128,6 +129,13 @@ def camera_of(K: Array, image_size: tuple[int, int]) -> Camera:
     """The pinhole camera with skew that K (3, 3), px, stands for."""
     names = {"fx": K[0, 0], "fy": K[1, 1], "cx": K[0, 2], "cy": K[1, 2], "skew": K[0, 1]}
     return Camera.create("pinhole_skew", {n: float(v) for n, v in names.items()}, image_size=image_size)
+
+
+def _directions_known(found: NullVector) -> bool:
+    """Whether the coefficients of x_w, y_w, z_w stand out of the noise in every row, as nearly flat points' do not."""
+    sigma = np.sqrt(np.maximum(np.diag(found.covariance), 0)).reshape(3, 4)[:, :3]
+    rows = found.values.reshape(3, 4)[:, :3]
+    return bool(np.all(np.linalg.norm(sigma, axis=1) < UNSURE * np.linalg.norm(rows, axis=1)))
 
 
 def _similarity(points: Array) -> Array:

@@ -10,7 +10,7 @@ C_y are known; the equations are not on the slides. They are read here as those 
     all points    [x - X g, x r^2 - X g r_0^2] (f_x, k f_x)^T = X w,    the same with Y / mu and y,
 
 the last with the origin's own equation, t_z = (f_x + k f_x r_0^2) g, in place of t_z, g = (X_0 t_x + Y_0 t_y / mu) /
-(X_0^2 + Y_0^2 / mu^2). Each is a 2x2 system in closed form. The price is that one pixel carries two of the unknowns:
+(X_0^2 + Y_0^2 / mu^2). Each is solved in closed form. The price is that one pixel carries two of the unknowns:
 the origin's noise is not averaged.
 """
 
@@ -26,6 +26,7 @@ from calibrant.calibrate.classical.alignment import (
     Alignment,
     agreeing_sign,
     block_scale,
+    lean_of,
     refuse_facing,
     rotation_of_block,
 )
@@ -39,7 +40,6 @@ from calibrant.calibrate.classical.points import (
     image_centre,
 )
 from calibrant.calibrate.classical.refusals import NO_AXES, NOT_COPLANAR, T_Y_ZERO, UNDETERMINED, Degenerate
-from calibrant.geometry.projective import apply_homography, homography
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -55,6 +55,21 @@ class Axes:
     origin: int
     x: Mask
     y: Mask
+
+
+@dataclass(frozen=True, eq=False)
+class AxisFit:
+    """(v1, v4) or (v2, v5) from one axis, with what its pixels' noise leaves of it.
+
+    v (2,); covariance (2, 2) for pixels of 1 sigma = 1; by_v3 (2,), the derivative by v3; misfit, the sum of squared
+    residuals in pixels, of `spare` equations more than unknowns. A radial lens adds nothing to it.
+    """
+
+    v: Array
+    covariance: Array
+    by_v3: Array
+    misfit: float
+    spare: int
 
 
 def calibrate_fast_rac(
@@ -113,25 +128,22 @@ def find_axes(xy: Array, *, tolerance: float) -> Axes:
 def _align(xy: Array, image: Array, axes: Axes, *, aspect: float) -> Alignment:
     """Step one (slides 65, 66), then slides 57 to 60 as in Tsai's method."""
     X, Y = aspect * image[:, 0], image[:, 1]
-    noise = _noise_px(xy, image)
     X0, Y0 = X[axes.origin], Y[axes.origin]
-    if abs(Y0) < max(OFF_CENTRE * float(np.ptp(image)), SIGMAS * noise):
-        raise Degenerate(
-            T_Y_ZERO,
-            f"the target's origin is seen {abs(Y0):.2g} ± {noise:.2g} px from the principal point's row, and step one "
-            "divides by that; move the camera or the target",
-        )
+    _refuse_on_row(Y0, OFF_CENTRE * float(np.ptp(image)))
     v3 = X0 / Y0
-    columns, right = np.stack([Y, -X], axis=1), X - v3 * Y
-    v1, v4 = _two_unknowns(columns[axes.x] * xy[axes.x, :1], right[axes.x])
-    v2, v5 = _two_unknowns(columns[axes.y] * xy[axes.y, 1:], right[axes.y])
-    block = np.array([[v1, v2], [v4, v5]])
-    block = block * block_scale(block)
-    lean = 1 - float(np.linalg.svd(block, compute_uv=False)[1])
-    # A pixel of noise turns a point by its share of the distance from the origin, averaged over the axes.
-    reach = float(np.sqrt(np.mean(np.sum((image - image[axes.origin])[axes.x | axes.y] ** 2, axis=1))))
-    refuse_facing(lean, noise / reach / np.sqrt(np.sum(axes.x | axes.y)))
-    t = block_scale(np.array([[v1, v2], [v4, v5]])) * np.array([v3, 1.0])
+    first = _axis(xy[axes.x, 0], X[axes.x], Y[axes.x], v3)
+    second = _axis(xy[axes.y, 1], X[axes.y], Y[axes.y], v3)
+    spare = first.spare + second.spare
+    noise = np.sqrt((first.misfit + second.misfit) / spare) if spare > 0 else 0.0
+    _refuse_on_row(Y0, SIGMAS * noise)
+    block = np.stack([first.v, second.v], axis=1)
+    common = np.concatenate([first.by_v3, second.by_v3]) * np.hypot(1, v3) / abs(Y0)
+    covariance = np.outer(common, common)
+    covariance[:2, :2] += first.covariance
+    covariance[2:, 2:] += second.covariance
+    by_rows = np.ix_([0, 2, 1, 3], [0, 2, 1, 3])
+    refuse_facing(*lean_of(block, noise**2 * covariance[by_rows]))
+    block, t = block * block_scale(block), block_scale(block) * np.array([v3, 1.0])
     x, y = (xy @ block.T + t).T
     sign = agreeing_sign(x, y, X, Y)
     return Alignment(rotation_of_block(sign * block), sign * t, aspect)
@@ -147,29 +159,40 @@ def _depth(rows: Aligned, alignment: Alignment, origin: int) -> Depth:
     return Depth(fx, (fx + k_fx * r0) * g, k_fx * fx)
 
 
+def _refuse_on_row(Y0: float, least: float) -> None:
+    if abs(Y0) <= least:
+        raise Degenerate(
+            T_Y_ZERO,
+            f"the target's origin is seen {abs(Y0):.2g} px from the principal point's row, which its pixel does not "
+            f"tell from 0 (less than {least:.2g} px), and step one divides by that; move the camera or the target",
+        )
+
+
+def _axis(along: Array, X: Array, Y: Array, v3: float) -> AxisFit:
+    """The fit of one axis. A pixel's error moves its equation by (1 + along v4) dX - (v3 + along v1) dY."""
+    columns, right = along[:, None] * np.stack([Y, -X], axis=1), X - v3 * Y
+    v = np.array(_two_unknowns(columns, right))
+    by_pixel = np.hypot(1 + along * v[1], v3 + along * v[0])
+    inverse = np.linalg.pinv(columns)
+    noisy = inverse * by_pixel
+    misfit = float(np.sum(((columns @ v - right) / by_pixel) ** 2))
+    return AxisFit(v, noisy @ noisy.T, -inverse @ Y, misfit, len(along) - 2)
+
+
 def _two_unknowns(columns: Array, right: Array) -> tuple[float, float]:
-    """Least squares in two unknowns by Cramer's rule on scaled normal equations (n, 2). Raises: Degenerate."""
-    length = np.sqrt(np.sum(columns**2, axis=0))
+    """Least squares in two unknowns, columns (n, 2): the second column is made orthogonal to the first (closed form).
+
+    Raises: Degenerate where the columns are parallel.
+    """
+    length = np.linalg.norm(columns, axis=0)
     a, b = (columns / np.where(length > 0, length, 1.0)).T
-    cross = float(a @ b)
-    det = float(a @ a) * float(b @ b) - cross * cross
-    if not det > RANK:
+    cross, along = float(a @ b), float(a @ right)
+    across = b - cross * a
+    if not np.linalg.norm(across) > RANK:
         raise Degenerate(
             UNDETERMINED,
             "an axis of the target points at the principal point, or its points are seen as one: two of its unknowns "
             "cannot be told apart; turn the target",
         )
-    p, q = float(a @ right), float(b @ right)
-    return (
-        float(((b @ b) * p - cross * q) / det / length[0]),
-        float(((a @ a) * q - cross * p) / det / length[1]),
-    )
-
-
-def _noise_px(xy: Array, image: Array) -> float:
-    """Noise of a pixel per axis as far as a homography leaves it; the lens's distortion counts as noise."""
-    spare = 2 * len(xy) - 8
-    if spare <= 0:
-        return 0.0
-    error = apply_homography(homography(xy, image), xy) - image
-    return float(np.sqrt(np.sum(error**2) / spare))
+    second = float(across @ (right - along * a) / (across @ across))
+    return (along - cross * second) / float(length[0]), second / float(length[1])

@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calibrant.calibrate import planar_start
+from calibrant.calibrate.classical.alignment import FACING
 from calibrant.calibrate.classical.dlt import camera_of
-from calibrant.calibrate.classical.linear import least_squares, null_vector
+from calibrant.calibrate.classical.linear import SIGMAS, least_squares, null_vector
 from calibrant.calibrate.classical.points import (
     ClassicalCalibration,
     checked_pairs,
@@ -84,7 +85,7 @@ def calibrate_zhang_one_view(
     middle = image_centre(image_size, centre)
     xy, m, T_plane_target = _planes([points], [uv])
     H = homographies(xy, m)
-    focal = planar_start.focal_lengths(H, middle)
+    focal = planar_start.focal_lengths(H, middle) if _shows_perspective(xy[0], m[0]) else None
     if focal is None:
         raise Degenerate(
             FRONTO_PARALLEL,
@@ -146,6 +147,17 @@ def _camera_matrix(H: Array, skew: Skew) -> Array:
         )
     K = np.linalg.inv(np.linalg.cholesky(B).T)
     return np.asarray(K / K[2, 2])
+
+
+def _shows_perspective(xy: Array, uv: Array) -> bool:
+    """Whether a homography's last row stands out of its noise: where depth does not change, nor does scale."""
+    p, n = ((a - a.mean(axis=0)) / np.std(a) for a in (xy, uv))
+    p = np.column_stack([p, np.ones(len(p))])
+    zero = np.zeros_like(p)
+    found = null_vector(np.concatenate([np.hstack([p, zero, -n[:, :1] * p]), np.hstack([zero, p, -n[:, 1:] * p])]))
+    row = found.values[6:8] / found.values[8]
+    noise = np.sqrt(max(np.linalg.eigvalsh(found.covariance[6:8, 6:8])[-1], 0.0)) / abs(found.values[8])
+    return bool(np.linalg.norm(row) > max(FACING, SIGMAS * noise))
 
 
 def _products(a: Array, b: Array) -> Array:

@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit, types
 from numba.core.typing import Signature
 from numba.experimental.function_type import _get_wrapper_address
+from numba.extending import typeof_impl
 
 from calibrant.cameras import CameraModel
 from calibrant.cameras.kernels import FAST, ROWS, ROWS_ARGUMENTS
@@ -47,6 +48,12 @@ class Rows(types.WrapperAddressProtocol):
 
     def signature(self) -> Signature:
         return ROWS_ARGUMENTS
+
+
+@typeof_impl.register(Rows)
+def _type_of_rows(rows: Rows, context: object) -> types.FunctionType:
+    """One type for all models, made once: Numba would build it anew in every call of a kernel."""
+    return ROWS
 
 
 @cache

@@ -1,7 +1,8 @@
 """All cores for compiled kernels: a range of independent items cut into pieces, each run by a thread.
 
-Kernels release Python's lock. A pool of Python threads is used and not Numba's own, because that one does not survive
-a fork (a user's process pool would abort in its workers) and spins while it waits.
+Whoever is free takes the next piece. Kernels release Python's lock. A pool of Python threads is used and not Numba's
+own, because that one does not survive a fork (a user's process pool would abort in its workers) and spins while it
+waits.
 """
 
 from __future__ import annotations
@@ -14,6 +15,9 @@ from itertools import pairwise
 
 SMALLEST_PIECE_SECONDS = 2.5e-4
 """Work below which a thread does not pay: handing a piece over costs about 5e-5 s."""
+
+PIECES_PER_CORE = 4
+"""Pieces that a core gets when all are equally fast: one that falls behind delays the end by a quarter of its share."""
 
 
 @cache
@@ -38,17 +42,25 @@ def over_range(run: Callable[[int, int], None], count: int, *, seconds: float) -
     run must only write what belongs to its own items: the result then does not depend on the pieces. seconds: an
     estimate of the whole work's time on one core, which decides how many pieces are worth their overhead.
     """
-    pieces = max(1, min(cores(), count, int(seconds / SMALLEST_PIECE_SECONDS)))
-    if pieces == 1:
+    pieces = max(1, min(cores() * PIECES_PER_CORE, count, int(seconds / SMALLEST_PIECE_SECONDS)))
+    if cores() == 1 or pieces == 1:
         run(0, count)
         return
     bounds = [count * k // pieces for k in range(pieces + 1)]
-    others = [_pool().submit(run, first, last) for first, last in pairwise(bounds[1:])]
+    waiting = iter(list(pairwise(bounds)))
+
+    def take() -> None:
+        for first, last in waiting:
+            run(first, last)
+
+    others = [_pool().submit(take) for _ in range(min(cores(), pieces) - 1)]
     try:
-        run(bounds[0], bounds[1])
+        take()
     finally:
-        # Pieces write into the caller's arrays: leave only when none is at work, also when interrupted.
-        for other in others:
+        # A thread that did not wake in time has nothing left to do: an idle core can take longer than the whole work.
+        # Those at work write into the caller's arrays: leave only when none is, also when interrupted.
+        begun = [other for other in others if not other.cancel()]
+        for other in begun:
             other.exception()
-    for other in others:
+    for other in begun:
         other.result()

@@ -21,10 +21,12 @@ from calibrant.cli import (
     intrinsics,
     kinematics,
     next_pose,
+    pose,
     report,
     target,
     time_offset,
     tool,
+    undistort,
 )
 from calibrant.errors import CalibrantError
 
@@ -42,12 +44,14 @@ app.command("detect", short_help="Find a board in photos.")(detect.detect)
 app.command("capture", short_help="Take views from a running camera until it is known.")(capture.capture)
 app.command("intrinsics", short_help="Calibrate a camera from photos of a board.")(intrinsics.intrinsics)
 app.command("hand-eye", short_help="Find where the camera is, on a robot or beside it.")(hand_eye.hand_eye)
+app.command("pose", short_help="Find where a target is, from photos.")(pose.pose)
 app.command("doctor", short_help="Find what is wrong with hand-eye data, and repair it.")(doctor.doctor)
 app.command("kinematics", short_help="Identify and correct a robot's geometry.")(kinematics.kinematics)
 app.command("next-pose", short_help="Say which poses to take next, or from the start.")(next_pose.next_pose)
 app.command("time-offset", short_help="Find the offset between camera's and robot's clocks.")(time_offset.time_offset)
 app.command("dynamic", short_help="Locate a camera beside the robot through the wrist camera.")(dynamic.dynamic)
 app.add_typer(tool.app, name="tool", short_help="Find a tool's tip, by touch or by sight.")
+app.command("undistort", short_help="Undistort photos.")(undistort.undistort)
 app.command("report", short_help="Show a result file, or make its HTML report.")(report.report)
 
 MANY_VALUES = (

@@ -17,6 +17,8 @@ KIND_TITLES = {
     "tool": "Tool calibration",
     "dynamic": "Dynamic calibration",
     "self-visibility": "Hand camera by self-visibility",
+    "pose": "Target pose",
+    "vanishing": "Rotation from vanishing points",
 }
 
 _SEVERITY = {"fail": 0, "warn": 1, "ok": 2}
@@ -76,7 +78,9 @@ def verdict_sentence(result: CalibrationResult) -> str:
 
 
 def _accuracy(result: CalibrationResult) -> str:
-    if result.kind == "hand-eye" and result.transforms:
+    if result.kind == "vanishing" and result.transforms and result.transforms[0].sigma_rotation_deg is not None:
+        return f"The rotation is known to {sigma_text(float(result.transforms[0].sigma_rotation_deg.max()))} deg (1σ)."
+    if result.kind in ("hand-eye", "pose") and result.transforms:
         estimate = result.transforms[0]
         figures, turns = translation_figures(estimate), estimate.sigma_rotation_deg
         known = [f.sigma for f in figures if f.sigma is not None]

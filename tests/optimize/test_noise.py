@@ -4,10 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from problems import Curve, bundle, curve
+from dense import system
+from problems import SHAPES, Curve, bundle, curve
 
-from calibrant.optimize import Problem, SolverOptions, VectorPrior, chi_squares, estimate_noise, solve, vector
+from calibrant.optimize import (
+    SE3,
+    Problem,
+    SolverOptions,
+    TranslationPrior,
+    Variable,
+    VectorPrior,
+    chi_squares,
+    estimate_noise,
+    solve,
+    vector,
+)
 from calibrant.optimize.consistency import ChiSquare, against_stated
+from calibrant.optimize.factors import RotationPrior
+from calibrant.optimize.level_spread import level_information
 from calibrant.optimize.noise import redundancies
 
 
@@ -123,3 +137,37 @@ def test_estimate_against_stated_levels() -> None:
     assert set(tests) == {"fine"}
     level = estimate.levels["fine"]
     assert tests["fine"].ratio == pytest.approx((level.sigma / 0.05) ** 2)
+
+
+def test_covariance_is_averaged_over_an_uncertain_level() -> None:
+    """One group, nu residuals to spare: nu / (nu - 2) of the inverse, the variance of Student's t."""
+    T = np.tile(np.eye(4), (9, 1, 1))
+    T[:, :3, 3] = np.random.default_rng(5).standard_normal((9, 3))
+    pose = Variable("T", SE3(), np.eye(4)[None])
+    places = TranslationPrior("places", "T", T, noise="mm", indices=np.zeros(9, dtype=np.int64))
+    upright = RotationPrior("upright", "T", np.eye(4)[None], noise="rotation")
+    problem = Problem((pose,), (places, upright), {"mm": 1.0})
+    found = estimate_noise(problem)
+    level = found.levels["mm"]
+    freedom = 3 * 9 - 3
+    assert level.redundancy == pytest.approx(freedom)
+    assert level.deviation == pytest.approx(level.sigma / np.sqrt(2 * freedom))
+    expected = level.sigma**2 / 9 * freedom / (freedom - 2)
+    np.testing.assert_allclose(np.diag(found.solution.covariance("T"))[3:], expected, rtol=1e-6)
+    np.testing.assert_allclose(np.diag(found.solution.covariances("T")[0])[3:], expected, rtol=1e-6)
+
+
+def test_level_information_is_the_trace_of_projections() -> None:
+    """M against the dense form tr(E_k R E_l R), R = I - J C J^T, on problems of every shape."""
+    for name in SHAPES:
+        solution = solve(SHAPES[name](3))
+        problem = solution.problem
+        groups = list(problem.noise_groups)
+        M = level_information(solution, groups)
+        _, J = system(problem, solution.values)
+        scale = 1 / np.linalg.norm(J, axis=0)
+        U = np.linalg.qr(J * scale)[0]
+        R = np.eye(len(J)) - U @ U.T
+        rows = np.concatenate([np.full(f.residual_count, f.noise) for f in problem.factors])
+        dense = np.array([[np.sum(R[np.ix_(rows == a, rows == b)] ** 2) for b in groups] for a in groups])
+        np.testing.assert_allclose(M, dense, atol=1e-6 * len(J))

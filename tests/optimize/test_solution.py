@@ -10,6 +10,7 @@ from problems import SHAPES, Curve, bundle, curve
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3
 from calibrant.optimize import SE3, Euclidean, Problem, Solution, TranslationPrior, Variable, VectorPrior, solve, vector
+from calibrant.optimize.factors import Factor
 
 
 def dense_covariance(solution: Solution) -> tuple[np.ndarray, list[int]]:
@@ -138,3 +139,60 @@ def test_pose_covariance_belongs_to_its_chart() -> None:
     assert solution.covariance("pose", 0).shape == (6, 6)
     alone = Problem((Variable("T", SE3(), T),), (TranslationPrior("t", "T", T, noise="t"),), {"t": 0.5})
     assert len(solve(alone).unobservable) == 3
+
+
+class Linear(Factor):
+    """r = A_i own_i + B_i shared, i = 1 ... n: every condition of the normal equations can be had."""
+
+    def __init__(self, A: np.ndarray, B: np.ndarray) -> None:
+        self.A, self.B = A, B
+        edges = np.arange(len(A))
+        super().__init__("linear", variables=("own", "all"), indices=(edges, 0 * edges), dim=A.shape[1], noise="unit")
+
+    def linearize(self, *values: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+        own, shared = values
+        return np.einsum("nmb,nb->nm", self.A, own) + np.einsum("nms,ns->nm", self.B, shared), (self.A, self.B)
+
+
+def linear_problem(A: np.ndarray, B: np.ndarray) -> Problem:
+    own = Variable("own", Euclidean(tuple("abcdef")), np.zeros((len(A), 6)))
+    shared = vector("all", np.zeros(B.shape[2]), tuple(f"s{i}" for i in range(B.shape[2])))
+    return Problem((own, shared), (Linear(A, B),))
+
+
+def random_views(views: int, shared: int, condition: float) -> tuple[np.ndarray, np.ndarray, np.random.Generator]:
+    """Jacobians of views whose own six unknowns have the given condition, and of unknowns in units of all sizes."""
+    rng = np.random.default_rng(views + shared)
+    rows = 16 + 3 * shared // views
+    A = rng.standard_normal((views, rows, 6))
+    A[:, :, 1] = A[:, :, 0] + A[:, :, 1] / np.sqrt(condition)
+    return A, rng.standard_normal((views, rows, shared)) * 10 ** rng.uniform(-3, 3, shared), rng
+
+
+@pytest.mark.parametrize("views", [5, 50])
+@pytest.mark.parametrize("shared", [4, 12, 60])
+@pytest.mark.parametrize("condition", [1e0, 1e3, 1e6])
+def test_an_exact_gauge_is_found_whatever_the_condition(views: int, shared: int, condition: float) -> None:
+    A, B, rng = random_views(views, shared, condition)
+    # The last column follows from the others, through the components' weak direction, which amplifies rounding.
+    weak = np.sqrt(condition) * rng.standard_normal(views)
+    B[:, :, -1] = B[:, :, :-1] @ rng.standard_normal(shared - 1) + (A[:, :, 0] - A[:, :, 1]) * weak[:, None]
+    assert len(solve(linear_problem(A, B)).unobservable) == 1
+
+
+@pytest.mark.parametrize("shared", [4, 12, 60])
+def test_collinear_but_determined_columns_are_not_refused(shared: int) -> None:
+    """Two terms a millionth apart: an eigenvalue of 1e-12, fifty times rounding and more. sigma is right to a digit."""
+    A, B, rng = random_views(50, shared, 1e1)
+    apart = 1e-6 * rng.standard_normal(B.shape[:2])
+    B[:, :, -1] = B[:, :, -2] * (1 + apart)
+    solution = solve(linear_problem(A, B))
+    assert not solution.unobservable
+    # What the last two differ in says the last, after all others have taken their part of it.
+    others = np.zeros((50 * B.shape[1], 50 * 6 + shared - 1))
+    for i, block in enumerate(A):
+        others[i * len(block) : (i + 1) * len(block), 6 * i : 6 * i + 6] = block
+    others[:, 300:] = B[:, :, :-1].reshape(len(others), -1) / np.abs(B[:, :, :-1]).max(axis=(0, 1))
+    difference = (B[:, :, -2] * apart).reshape(-1)
+    left = difference - others @ np.linalg.lstsq(others, difference, rcond=None)[0]
+    assert solution.covariance("all")[-1, -1] == pytest.approx(1 / (left @ left), rel=0.2)

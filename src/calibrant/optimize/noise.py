@@ -7,17 +7,19 @@ sigma_k. At the solution, with H_k the group's share of the normal matrix and C 
 
 v_k the unweighted residuals (Foerstner 1979; Koch 1999, "Parameter estimation and hypothesis testing in linear models",
 sec. 3.6). r_k is the number of residuals that are left to tell the noise, sum r_k = residuals - unknowns. Iterated to a
-fixed point this is the restricted maximum likelihood estimate; its own deviation is sigma_k / sqrt(2 r_k).
+fixed point this is the restricted maximum likelihood estimate; its own deviation is sigma_k / sqrt(2 r_k) for one
+group, and larger where groups compete for the same residuals (`level_spread`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.optimize import level_spread
 from calibrant.optimize.factors import EXACT
 from calibrant.optimize.levenberg_marquardt import SolverOptions, solve, solve_again
 from calibrant.optimize.linear import in_free
@@ -30,6 +32,8 @@ Array = NDArray[np.float64]
 MAX_ROUNDS = 60
 TOLERANCE = 1e-3
 """Relative change of every sigma that ends the rounds: far below the estimates' own deviation, 1 / sqrt(2 r)."""
+LONGEST_STEP = 2.0
+"""Change of a log level in a round, a factor of 7: a level that goes to zero goes there in steps."""
 MINIMUM_REDUNDANCY = 1.0
 """A group with less than one residual to spare cannot tell its noise: its level stays where it is."""
 
@@ -54,7 +58,10 @@ class NoiseLevel:
 
 @dataclass(frozen=True, eq=False)
 class NoiseEstimate:
-    """The solution at the estimated levels; settled: the levels stopped changing within the rounds allowed."""
+    """The solution at the estimated levels, its covariances averaged over what the levels are uncertain by.
+
+    settled: the levels stopped changing within the rounds allowed.
+    """
 
     solution: Solution
     levels: Mapping[str, NoiseLevel]
@@ -148,15 +155,53 @@ def estimate_noise(
     previous: dict[str, float] = {}
     while not settled and rounds < MAX_ROUNDS:
         rounds += 1
-        estimate = _update(redundancies(solution), levels, lowest)
+        parts = redundancies(solution)
+        estimate = _update(parts, levels, lowest)
         change = {g: float(np.log(e.sigma / levels.get(g, 1.0))) for g, e in estimate.items()}
-        settled = max(abs(c) for c in change.values()) < TOLERANCE
-        ahead = {} if settled else {g: _extrapolation(c, previous.get(g)) for g, c in change.items()}
-        levels = {**levels, **{g: max(e.sigma * np.exp(ahead.get(g, 0.0)), lowest[g]) for g, e in estimate.items()}}
+        change, previous = _ahead(solution, parts, estimate, change, previous)
+        settled = all(abs(c) < TOLERANCE for c in change.values())
+        levels = {**levels, **{g: max(levels.get(g, 1.0) * np.exp(c), lowest[g]) for g, c in change.items()}}
         solution = solve_again(solution, levels, options=options)
+    return _with_spread(NoiseEstimate(solution, estimate, rounds, settled))
+
+
+def _ahead(
+    solution: Solution,
+    parts: Mapping[str, tuple[float, float, int]],
+    estimate: Mapping[str, NoiseLevel],
+    change: Mapping[str, float],
+    previous: Mapping[str, float],
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Changes of the log levels to make now, and those that the next round may extrapolate from.
+
+    Fisher's scoring, d log sigma = 1/2 M^-1 (v^T v / sigma^2 - r), where M can be had: the plain iteration takes tens
+    of rounds where groups compete, or where one goes to zero. Else the plain change, extrapolated.
+    """
+    # A level at its floor that would fall further stays there; the others are settled around it.
+    moving = [g for g, e in estimate.items() if e.determined and not (e.at_floor and change[g] > -TOLERANCE)]
+    M = level_spread.level_information(solution, moving)
+    if M is None:
+        jump = {g: _extrapolation(c, previous.get(g)) for g, c in change.items()}
         # After a jump the next change is not part of the geometric series any more.
-        previous = {g: c for g, c in change.items() if ahead.get(g, 0.0) == 0.0}
-    return NoiseEstimate(solution, estimate, rounds, settled)
+        return {g: c + jump[g] for g, c in change.items()}, {g: c for g, c in change.items() if jump[g] == 0.0}
+    surplus = np.array([parts[g][0] / solution.sigmas.get(g, 1.0) ** 2 - parts[g][1] for g in moving])
+    # Least squares: of two groups that the residuals cannot tell apart, both move alike.
+    step = 0.5 * np.linalg.lstsq(M, surplus, rcond=1e-6)[0]
+    return {g: float(np.clip(c, -LONGEST_STEP, LONGEST_STEP)) for g, c in zip(moving, step)}, {}
+
+
+def _with_spread(found: NoiseEstimate) -> NoiseEstimate:
+    """The estimate with deviations of the levels that know of each other, and covariances averaged over them."""
+    groups = [g for g, level in found.levels.items() if level.determined]
+    M = level_spread.level_information(found.solution, groups)
+    if M is None:
+        return found
+    relative = dict(zip(groups, level_spread.level_deviations(M)))
+    levels = {
+        g: replace(level, deviation=float(level.sigma * relative[g])) if g in relative else level
+        for g, level in found.levels.items()
+    }
+    return replace(found, solution=level_spread.averaged(found.solution, M, groups), levels=levels)
 
 
 def _extrapolation(change: float, before: float | None) -> float:

@@ -21,12 +21,10 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-WEAK_EIGENVALUE = 2e-14
-"""Eigenvalues of the scaled shared matrix below this are rounding: exact gauges come out at up to 7e-16, collinear but
-determined terms (a rational lens from 20 views) at 3e-12, right to three digits."""
 CLEAR_PIVOT = 1e-8
-"""Cholesky pivots of the scaled matrix overestimate its smallest eigenvalue, by little in practice: above this, five
-digits over `WEAK_EIGENVALUE`, nothing is weak, and eigenvalues need not be computed."""
+"""Cholesky pivots of the scaled matrix overestimate its smallest eigenvalue, by little in practice."""
+CLEAR_OF_ROUNDING = 1e5
+"""Pivots this many times above rounding, and above `CLEAR_PIVOT`, leave no doubt: no eigenvalues are computed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +38,10 @@ class Covariance:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Where a solve ended. cost = 1/2 sum rho; history: the cost after each accepted step."""
+    """Where a solve ended. cost = 1/2 sum rho; history: the cost after each accepted step.
+
+    around: the same values under other noise levels, each with a weight: covariances are their sum (`level_spread`).
+    """
 
     problem: Problem
     values: Values
@@ -50,6 +51,7 @@ class Solution:
     status: str
     message: str
     history: tuple[float, ...]
+    around: tuple[tuple[float, Solution], ...] = ()
 
     @property
     def cost(self) -> float:
@@ -108,16 +110,34 @@ class Solution:
             return scale, S, S
         scaled = S * scale[:, None] * scale
         inverse = np.empty_like(scaled)
-        if linear_kernels.invert_definite(scaled, inverse) > CLEAR_PIVOT:
+        rounding = self._shared_rounding(scale)
+        if linear_kernels.invert_definite(scaled, inverse) > max(CLEAR_PIVOT, CLEAR_OF_ROUNDING * rounding):
             return scale, inverse, np.zeros((len(S), 0))
         values, vectors = np.linalg.eigh(scaled)
-        null = values < WEAK_EIGENVALUE
+        null = values < rounding
         inverse = (vectors[:, ~null] / values[~null]) @ vectors[:, ~null].T
         return scale, inverse, vectors[:, null]
 
+    def _shared_rounding(self, scale: Array) -> float:
+        """How far rounding moves the eigenvalues of the scaled shared matrix: those below it are no information.
+
+        S = S_0 - sum_i Y_i^T Y_i has the diagonal of S_0 scaled to 1, so that its own sums and its eigenvalues are off
+        by up to s eps for s unknowns. Y_i^T Y_i = W_i^T V_i^-1 W_i is off by kappa(V_i) eps of itself, the condition of
+        a component (Higham 2002, "Accuracy and stability of numerical algorithms", section 10.1), for which the
+        smallest pivot of V_i, scaled to a unit diagonal, stands.
+        """
+        carried = np.zeros(len(scale))
+        for part, V in zip(self._parts, self.equations.V):
+            pivots = np.einsum("nii->ni", part.L) ** 2 / np.einsum("nii->ni", V)
+            carried += np.einsum("n,nbs->s", 1 / pivots.min(axis=1), part.Y**2)
+        return float(np.finfo(np.float64).eps * (len(scale) + (carried * scale**2).max()))
+
     @cached_property
     def blocks(self) -> Covariance:
-        """All blocks of the covariance, computed once. Raises: RefusedError naming what the data do not determine."""
+        """All blocks of the inverse at these noise levels, computed once.
+
+        Raises: RefusedError naming what the data do not determine.
+        """
         from calibrant.optimize import linear_kernels
 
         if self.unobservable:
@@ -143,11 +163,15 @@ class Solution:
 
     def joint_covariance(self, instances: Sequence[tuple[str, int]]) -> Array:
         """Joint covariance, natural tangents stacked in the order asked, of any instances of any variables."""
+        if self.around:
+            return np.asarray(sum(w * s.joint_covariance(instances) for w, s in self.around))
         rows = [self._rows(name, index) for name, index in instances]
         return np.block([[self._cross_block(a, b) for b in rows] for a in rows])
 
     def covariances(self, name: str) -> Array:
         """Covariance (count, k, k) of every instance of a variable in its natural tangent."""
+        if self.around:
+            return np.asarray(sum(w * s.covariances(name) for w, s in self.around))
         i = self.problem.variable_index(name)
         variable, p = self.problem.variables[i], self.problem.structure.placements[i]
         k = len(variable.manifold.natural_names)

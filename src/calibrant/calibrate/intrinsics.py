@@ -17,42 +17,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.calibrate import camera_start, planar_start, spatial_start
-from calibrant.calibrate.camera_options import camera_manifold, expand_fix
-from calibrant.calibrate.chain import Link
+from calibrant.calibrate.camera_options import expand_fix
 from calibrant.calibrate.intrinsics_checks import intrinsics_checks, require_conditions
+from calibrant.calibrate.intrinsics_fit import CAUCHY_SCALE_SIGMAS as CAUCHY_SCALE_SIGMAS
+from calibrant.calibrate.intrinsics_fit import MINIMUM_POINTS as MINIMUM_POINTS
+from calibrant.calibrate.intrinsics_fit import Fit, Start, fit_and_clean, refine
 from calibrant.calibrate.model_checks import model_check, refuse_wide_lens
-from calibrant.calibrate.model_priors import model_priors
-from calibrant.calibrate.outliers import Marked, mark, points_reason, view_reason
+from calibrant.calibrate.outliers import Marked, points_reason, view_reason
 from calibrant.calibrate.planar_start import PlaneViews
 from calibrant.calibrate.provenance import refuse_if_failed, stamp
-from calibrant.calibrate.reprojection import ReprojectionFactor, StackedViews, stack
+from calibrant.calibrate.reprojection import StackedViews, stack
 from calibrant.calibrate.spatial_start import SolidViews, see_target
 from calibrant.calibrate.target_shape import FLAT, Flat, shape_of, with_noise
-from calibrant.calibrate.weights import reweighted
 from calibrant.cameras import Camera, CameraModel
 from calibrant.data import CalibrationResult, Observations, View, ViewResult, verdict_of
 from calibrant.errors import CalibrantError, InputError, RefusedError
-from calibrant.optimize.levenberg_marquardt import solve
-from calibrant.optimize.losses import Loss, cauchy, squared
-from calibrant.optimize.manifolds import SE3, Variable
-from calibrant.optimize.problem import Problem
 from calibrant.optimize.solution import Solution
 
 Array = NDArray[np.float64]
 
-CAUCHY_SCALE_SIGMAS = 2.385
-"""95 % efficiency on Gaussian noise (Zhang 1997, "Parameter estimation techniques", table 1)."""
 FOCAL_LENGTH_GRID = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 8.0)
 """Focal lengths to try, in image widths, when the views do not show theirs: 90 to 7 degrees of view."""
-MINIMUM_POINTS = 4
-
-
-@dataclass(frozen=True, eq=False)
-class Start:
-    """Where the refinement starts: the camera's parameters (k,) and T_camera_target (m, 4, 4)."""
-
-    parameters: Array
-    T_camera_target: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,21 +47,6 @@ class Kept:
     result: CalibrationResult
     views: tuple[View, ...]
     solution: Solution
-
-
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """A fit and what it used: the solution, its views, and for each of them the points that were kept.
-
-    T_camera_target: poses when they are not the solution's own (the target's shape was aligned to its nominal one);
-    gauge_equations: equations that hold a gauge and are no data.
-    """
-
-    solution: Solution
-    views: tuple[View, ...]
-    stacked: StackedViews
-    T_camera_target: Array | None = None
-    gauge_equations: int = 0
 
 
 def calibrate_intrinsics(
@@ -140,7 +110,7 @@ def calibrate_keeping(
         require_conditions(len(views), kind, fix)
     try:
         start = find_start(stacked, seen, kind, image_size, initial=initial, fix=fix)
-        fit, marked = _fit_and_clean(views, stacked, start, kind, fix, max_error_px)
+        fit, marked = fit_and_clean(views, stacked, start, kind, fix, max_error_px)
     except CalibrantError:
         refuse_wide_lens(kind, stacked, image_size)
         raise
@@ -239,89 +209,6 @@ def _start_at(kind: CameraModel, seen: PlaneViews, focal: tuple[float, float], c
         parameters[kind.index(name)] = value
     K = np.array([[focal[0], 0, centre[0]], [0, focal[1], centre[1]], [0, 0, 1.0]])
     return Start(parameters, planar_start.poses(seen.H, K) @ seen.T_plane_target)
-
-
-def refine(
-    views: StackedViews,
-    kind: CameraModel,
-    start: Start,
-    *,
-    fix: Sequence[str],
-    loss: Loss | None = None,
-    sigma: float = 1.0,
-) -> Solution:
-    """Minimise the reprojection error over the camera's free parameters and all poses."""
-    m = len(views.offsets) - 1
-    factor = ReprojectionFactor(
-        "reprojection",
-        model=kind,
-        camera="camera",
-        chain=[Link("T_camera_target", np.arange(m))],
-        views=views,
-        loss=loss or squared(),
-    )
-    variables = (
-        Variable("T_camera_target", SE3(), start.T_camera_target),
-        Variable("camera", camera_manifold(kind, fix, start.parameters), start.parameters[None]),
-    )
-    priors = model_priors(kind, camera="camera", poses="T_camera_target", T_camera_target=start.T_camera_target)
-    return solve(Problem(variables, (factor, *priors), {"pixel": sigma}))
-
-
-def _end(solution: Solution, keep: NDArray[np.bool_] | None = None) -> Start:
-    T = solution.value("T_camera_target")
-    return Start(solution.value("camera")[0], T if keep is None else T[keep])
-
-
-def _fit_and_clean(
-    views: tuple[View, ...],
-    stacked: StackedViews,
-    start: Start,
-    kind: CameraModel,
-    fix: Sequence[str],
-    max_error_px: float | None,
-) -> tuple[Fit, Marked]:
-    """Fit all points alike; leave out, by a robust fit, those that do not belong; then weigh the rest."""
-    plain = StackedViews(stacked.points, stacked.uv, np.ones(len(stacked.uv)), stacked.offsets)
-    solution = refine(plain, kind, start, fix=fix)
-    norms = np.linalg.norm(solution.residuals("reprojection"), axis=1)
-    marked = mark(norms, stacked.offsets, max_error_px=max_error_px)
-    kept = views
-    if not marked.keep.all():
-        # Gross errors bend a plain fit towards themselves: let a robust one say who is wrong.
-        robust = refine(plain, kind, start, fix=fix, loss=cauchy(CAUCHY_SCALE_SIGMAS), sigma=max(marked.sigma_px, 1e-6))
-        norms = np.linalg.norm(robust.residuals("reprojection"), axis=1)
-        marked = mark(norms, stacked.offsets, max_error_px=max_error_px)
-        if max_error_px is not None and not marked.keep.any():
-            raise RefusedError(
-                f"every point is above the limit of {max_error_px:g} px: the median residual is "
-                f"{np.median(norms):.2g} px. Raise --max-error, or check the target and the model"
-            )
-        judged = _keep(views, marked, stacked)
-        used = np.array([v is not None for v in judged])
-        kept = tuple(v for v in judged if v is not None)
-        plain = replace(stack(kept), sigma=np.ones(sum(len(v) for v in kept)))
-        solution = refine(plain, kind, _end(robust, used), fix=fix)
-    if all(v.sigma_px is None for v in kept):
-        return Fit(solution, kept, plain), marked
-    squares = np.sum(solution.residuals("reprojection") ** 2, axis=1)
-    kept = reweighted(kept, squares, unknowns=solution.problem.free_count)
-    weighted = stack(kept)
-    return Fit(refine(weighted, kind, _end(solution), fix=fix), kept, weighted), marked
-
-
-def _keep(views: Sequence[View], marked: Marked, stacked: StackedViews) -> list[View | None]:
-    """Each view with its kept points; None where too few are left or the whole view goes."""
-    kept: list[View | None] = []
-    for i, view in enumerate(views):
-        keep = marked.keep[stacked.offsets[i] : stacked.offsets[i + 1]]
-        if marked.drop_view[i] or keep.sum() < MINIMUM_POINTS:
-            kept.append(None)
-        else:
-            kept.append(view if keep.all() else view.subset(keep))
-    if not any(v is not None for v in kept):
-        raise RefusedError("no view fits the others: the boards are misread, or the target's size or kind is wrong")
-    return kept
 
 
 def _result(

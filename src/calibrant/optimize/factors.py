@@ -12,6 +12,7 @@ import copy
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Self
 
 import numpy as np
@@ -116,13 +117,17 @@ class Factor(ABC):
         """Normal equations with weights 1 / (sigma * relative_sigma) and the loss. values: one array a slot, (m, …)."""
         r, jacobians = self.linearize(*values)
         w, cost = self._weights(r, sigma)
-        gradient = tuple(self._sum(np.einsum("n,nd,ndk->nk", w, r, J)) for J in jacobians)
+        root = np.sqrt(w)[:, None]
+        J = np.concatenate(jacobians, axis=2) * root[:, :, None]
+        J_t = np.swapaxes(J, 1, 2)
+        # One product for all slots: the pieces are cut from it.
+        H, g = self._sum(J_t @ J), self._sum((J_t @ (root * r)[:, :, None])[:, :, 0])
+        ends = np.cumsum([0, *(j.shape[2] for j in jacobians)])
+        pieces = [slice(first, last) for first, last in pairwise(ends.tolist())]
         hessian = {
-            (a, b): self._sum(np.einsum("n,ndk,ndl->nkl", w, jacobians[a], jacobians[b]))
-            for a in range(len(jacobians))
-            for b in range(a, len(jacobians))
+            (a, b): H[:, rows, columns] for a, rows in enumerate(pieces) for b, columns in enumerate(pieces) if b >= a
         }
-        return FactorBlocks(cost, gradient, hessian)
+        return FactorBlocks(cost, tuple(g[:, rows] for rows in pieces), hessian)
 
     def whitened_norms(self, values: Sequence[Array], *, sigma: float) -> Array:
         """Norm (N,) of every residual block in units of its sigma."""

@@ -8,47 +8,22 @@ from typing import Annotated
 import typer
 
 from calibrant.cli import options as o
+from calibrant.cli import pose_options as p
 from calibrant.cli.robot_choice import RobotChoice
 
 
 def doctor(
-    poses: Annotated[
-        list[str],
-        typer.Option("--poses", metavar="FILES", help="File of robot poses, or one file a pose.", show_default=False),
-    ],
-    images: Annotated[
-        list[str] | None,
-        typer.Option("--images", "-i", metavar="IMAGES", help="Photos, folders or patterns.", show_default=False),
-    ] = None,
+    poses: p.Poses,
+    images: p.Images = None,
     target: o.Target = None,
     observations: o.ObservationsFile = None,
-    target_poses: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--target-poses", metavar="FILES", show_default=False,
-            help="Poses of the target in the camera, instead of photos.",
-        ),
-    ] = None,
-    camera: Annotated[
-        Path | None,
-        typer.Option(
-            "--camera", metavar="FILE", show_default=False,
-            help="Known camera (any format); without it the photos calibrate it.",
-        ),
-    ] = None,
-    setup: Annotated[str, typer.Option("--setup", metavar="SETUP", help="auto, eye-in-hand or eye-to-hand.")] = "auto",
-    pose_units: Annotated[str, typer.Option("--pose-units", metavar="UNIT", help="auto, mm or m.")] = "auto",
-    pose_rotation: Annotated[
-        str,
-        typer.Option(
-            "--pose-rotation", metavar="FORM",
-            help="auto, quat-xyzw, quat-wxyz, rotvec, euler:ZYX, euler:xyz …, matrix.",
-        ),
-    ] = "auto",
-    pose_angle: Annotated[str, typer.Option("--pose-angle", metavar="UNIT", help="auto, deg or rad.")] = "auto",
-    pose_direction: Annotated[
-        str, typer.Option("--pose-direction", metavar="NAME", help="auto, base-gripper or gripper-base.")
-    ] = "auto",
+    target_poses: p.TargetPoses = None,
+    camera: p.KnownCamera = None,
+    setup: p.Setup = "auto",
+    pose_units: p.Units = "auto",
+    pose_rotation: p.Rotation = "auto",
+    pose_angle: p.Angle = "auto",
+    pose_direction: p.Direction = "auto",
     robot_format: o.RobotFormat = None,
     robot: o.Robot = None,
     robot_link: o.RobotLink = None,
@@ -95,7 +70,7 @@ def doctor(
         target=target,
         observations=observations,
         target_poses=tuple(target_poses or ()),
-        camera=camera,
+        camera=None if camera is None else Path(camera),
         setup=setup,
         units=pose_units,
         rotation=pose_rotation,

@@ -8,52 +8,41 @@ from typing import Annotated
 import typer
 
 from calibrant.cli import options as o
+from calibrant.cli import pose_options as p
 from calibrant.cli.robot_choice import RobotChoice
 
 
 def hand_eye(
-    poses: Annotated[
-        list[str],
-        typer.Option("--poses", metavar="FILES", help="File of robot poses, or one file a pose.", show_default=False),
-    ],
-    images: Annotated[
+    poses: p.PosesOfRobots,
+    images: p.ImagesOfCameras = None,
+    target: Annotated[
         list[str] | None,
-        typer.Option("--images", "-i", metavar="IMAGES", help="Photos, folders or patterns.", show_default=False),
+        typer.Option(
+            "--target", "-t", metavar="SPEC", show_default=False,
+            help="The board: chessboard:9x6:25mm (inner corners), charuco:5x7:36mm:18mm:DICT_6X6_250 (squares), or a "
+            "file; of one of several cameras: NAME=SPEC.",
+        ),
     ] = None,
-    target: o.Target = None,
     observations: o.ObservationsFile = None,
-    target_poses: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--target-poses", metavar="FILES", show_default=False,
-            help="Poses of the target in the camera, instead of photos.",
-        ),
-    ] = None,
-    camera: Annotated[
-        Path | None,
-        typer.Option(
-            "--camera", metavar="FILE", show_default=False,
-            help="Known camera (any format); without it the photos calibrate it.",
-        ),
-    ] = None,
-    setup: Annotated[str, typer.Option("--setup", metavar="SETUP", help="auto, eye-in-hand or eye-to-hand.")] = "auto",
-    pose_units: Annotated[str, typer.Option("--pose-units", metavar="UNIT", help="auto, mm or m.")] = "auto",
-    pose_rotation: Annotated[
-        str,
-        typer.Option(
-            "--pose-rotation", metavar="FORM",
-            help="auto, quat-xyzw, quat-wxyz, rotvec, euler:ZYX, euler:xyz …, matrix.",
-        ),
-    ] = "auto",
-    pose_angle: Annotated[str, typer.Option("--pose-angle", metavar="UNIT", help="auto, deg or rad.")] = "auto",
-    pose_direction: Annotated[
-        str, typer.Option("--pose-direction", metavar="NAME", help="auto, base-gripper or gripper-base.")
-    ] = "auto",
+    target_poses: p.TargetPoses = None,
+    camera: p.KnownCameras = None,
+    setup: p.SetupOfCameras = None,
+    pose_units: p.Units = "auto",
+    pose_rotation: p.Rotation = "auto",
+    pose_angle: p.Angle = "auto",
+    pose_direction: p.Direction = "auto",
     robot_format: o.RobotFormat = None,
     robot: o.Robot = None,
     robot_link: o.RobotLink = None,
     robot_base: o.RobotBase = None,
     joint_angle: o.JointAngle = "auto",
+    identify: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--identify", metavar="GROUPS", show_default=False,
+            help="With --robot and joint values: find the robot's own errors too: offsets, gear, coupling, geometry.",
+        ),
+    ] = None,
     workspace: Annotated[
         str | None,
         typer.Option(
@@ -94,19 +83,22 @@ def hand_eye(
 
     Reads the poses as they are written (units, rotation, direction are found from the data and said), calibrates
     camera, robot and target in one problem, and refuses what the motions cannot determine.
+
+    Several cameras: --images left=photos/left --images right=photos/right. Several robots: --poses a=a.csv --poses
+    b=b.csv --images top@a=photos/a --images top@b=photos/b.
     """
-    from calibrant.cli import hand_eye_run, session
+    from calibrant.cli import hand_eye_run, hand_eye_several, session
 
     outputs = session.Outputs(out, report, json, quiet, force)
     outputs.check()
     request = hand_eye_run.Request(
         poses=tuple(poses),
         images=tuple(images or ()),
-        target=target,
+        target=next((t for t in reversed(target or ()) if not hand_eye_several.named([t], "--target").named), None),
         observations=observations,
         target_poses=tuple(target_poses or ()),
-        camera=camera,
-        setup=setup,
+        camera=Path(camera[-1]) if camera else None,
+        setup=setup[-1] if setup else "auto",
         units=pose_units,
         rotation=pose_rotation,
         angle=pose_angle,
@@ -123,6 +115,20 @@ def hand_eye(
         tolerance=tolerance,
         target_sigma=target_sigma,
     )
+    several = hand_eye_several.several_request(
+        request,
+        images=images or (),
+        poses=poses,
+        cameras=camera or (),
+        setups=setup or (),
+        targets=target or (),
+        identify=o.split_names(identify),
+    )
+    if several is not None:
+        outputs.spare(hand_eye_several.named_files(several))
+        with session.explain_refusal(outputs):
+            session.finish(hand_eye_several.calibrate(several), outputs)
+        return
     outputs.spare(hand_eye_run.named_files(request))
     with session.explain_refusal(outputs):
         session.finish(hand_eye_run.calibrate(request), outputs)

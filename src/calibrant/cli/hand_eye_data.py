@@ -68,7 +68,7 @@ class PairedData:
     """Robot poses in every reading, in the order of the photos or target poses they are paired with.
 
     observations with the camera that was given (or None), or T_camera_target (n, 4, 4); pairing: the rule in words;
-    files: everything that was read.
+    files: everything that was read. raw: the poses as the file has them; pose_index: the row of each that is used.
     """
 
     complete: tuple[PoseReading, ...]
@@ -77,6 +77,8 @@ class PairedData:
     observations: Observations | None = None
     camera: Camera | None = None
     T_camera_target: Array | None = None
+    raw: RawPoses | None = None
+    pose_index: tuple[int, ...] = ()
 
 
 def named_files(request: Request) -> list[str]:
@@ -180,7 +182,9 @@ def _with_images(request: Request, raw: RawPoses) -> PairedData:
     inputs: list[str | Path] = [*source.inputs(files), *request.poses]
     inputs += [request.camera] if request.camera is not None else []
     complete = tuple(r.take(pairing.pose_index, names) for r in readings(raw))
-    return PairedData(complete, pairing.message, tuple(inputs), observations, camera)
+    return PairedData(
+        complete, pairing.message, tuple(inputs), observations, camera, raw=raw, pose_index=tuple(pairing.pose_index)
+    )
 
 
 def _ids_of(observations: Observations, files: Sequence[Path]) -> list[str]:
@@ -208,7 +212,8 @@ def _with_target_poses(request: Request, raw: RawPoses) -> PairedData:
     B = np.asarray(readings(target, direction="base-gripper")[0].T_base_gripper)[target_index]
     session.load_solver(quiet=request.quiet)
     complete = tuple(r.take(pose_index, names) for r in readings(raw))
-    return PairedData(complete, pairing, (*request.poses, *request.target_poses), T_camera_target=B)
+    files = (*request.poses, *request.target_poses)
+    return PairedData(complete, pairing, files, T_camera_target=B, raw=raw, pose_index=tuple(pose_index))
 
 
 def _pair(raw: RawPoses, target: RawPoses, exclude: Sequence[str]) -> tuple[list[str], list[int], list[int], str]:

@@ -34,7 +34,7 @@ def calibrate(request: Request) -> CalibrationResult:
     data = hand_eye_data.read(request)
     with session.status("Examining the data …", quiet=request.quiet):
         diagnosis = hand_eye_data.diagnose(data, request)
-    _require_sound(diagnosis)
+    require_sound(diagnosis)
     target = data.T_camera_target if data.observations is None else data.observations
     with session.status("Calibrating …", quiet=request.quiet):
         result = calibrate_hand_eye(
@@ -48,7 +48,7 @@ def calibrate(request: Request) -> CalibrationResult:
     return _complete(session.with_misses(result), diagnosis, data, request)
 
 
-def _require_sound(diagnosis: Diagnosis) -> None:
+def require_sound(diagnosis: Diagnosis) -> None:
     """Raises: RefusedError naming what failed, and the command that repairs what can be repaired."""
     failed = [f for f in diagnosis.findings if f.status == "fail"]
     if not failed:

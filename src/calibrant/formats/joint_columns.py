@@ -126,6 +126,7 @@ def poses_from_joints(table: PoseTable, chain: KinematicChain, *, angle: str) ->
         PoseOptions(units="m", rotation="matrix", direction="base-gripper"),
         source=table.source,
         notes=(*table.notes, f"poses by forward kinematics from {words}"),
+        joints=q,
     )
 
 

@@ -37,7 +37,7 @@ _ROTATION_WORDS = {"quat-xyzw": "quaternions x y z w", "quat-wxyz": "quaternions
 
 @dataclass(frozen=True, eq=False)
 class PoseReading:
-    """One meaning of a pose file. T_base_gripper (n, 4, 4), metres.
+    """One meaning of a pose file. T_base_gripper (n, 4, 4), metres; times (n,), seconds, where the file has them.
 
     angle is "" where no angle is read. contradicts: what the file states and this reading does not believe.
     """
@@ -51,6 +51,7 @@ class PoseReading:
     source: str
     contradicts: tuple[str, ...] = ()
     by_axis_names: bool = False
+    times: Array | None = None
 
     @property
     def description(self) -> str:
@@ -67,7 +68,8 @@ class PoseReading:
     def take(self, rows: Sequence[int], ids: Sequence[str] | None = None) -> PoseReading:
         """The same reading of some of the poses, in the order of `rows`, renamed when `ids` are given."""
         names = tuple(self.ids[i] for i in rows) if ids is None else tuple(ids)
-        return replace(self, ids=names, T_base_gripper=self.T_base_gripper[list(rows)])
+        times = None if self.times is None else self.times[list(rows)]
+        return replace(self, ids=names, T_base_gripper=self.T_base_gripper[list(rows)], times=times)
 
     @property
     def poses(self) -> RobotPoses:
@@ -121,6 +123,7 @@ def readings(
                         source=raw.source,
                         contradicts=(*turn.contradicts, *against_unit, *against_way),
                         by_axis_names=turn.by_axis_names,
+                        times=raw.times,
                     )
                 )
     if not found:

@@ -29,6 +29,7 @@ from calibrant.formats.pose_rows import PoseTable, raw_poses
 from calibrant.formats.pose_text import read_text_table
 from calibrant.formats.raw_poses import RawPoses as RawPoses
 from calibrant.formats.robot_formats import RobotFormat, controller_text, in_format, merged, robot_format
+from calibrant.formats.time_column import times_beside
 from calibrant.robots.chain import KinematicChain
 
 Parsed = tuple[PoseTable, PoseTable | None]
@@ -61,14 +62,15 @@ def read_poses(
     fmt = None if maker is None else robot_format(maker)
     table, target = read_table(paths, fmt)
     if robot is not None:
-        raw = poses_from_joints(table, robot, angle=joint_angle)
+        raw = replace(poses_from_joints(table, robot, angle=joint_angle), times=times_beside(table))
         return raw if target is None else replace(raw, target=raw_poses(target))
     if find_joints(table.header) is not None and not is_header(table.header):
         raise InputError(
             f"{table.source}: joint values without poses; say which robot they are of (--robot FILE, a URDF or DH "
             "table), and its forward kinematics gives the poses"
         )
-    raw = replace(raw_poses(table), options=asked if fmt is None else options(**vars(merged(asked, fmt))))
+    asked = asked if fmt is None else options(**vars(merged(asked, fmt)))
+    raw = replace(raw_poses(table), options=asked, times=times_beside(table))
     return raw if target is None else replace(raw, target=raw_poses(target))
 
 

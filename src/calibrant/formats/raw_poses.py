@@ -52,6 +52,8 @@ class RawPoses:
     translation (n, 3) and rotation (n, 3), (n, 4) or (n, 3, 3): the file's numbers in the file's order and units.
     names (n,): what the file calls each pose, or None. places (n,): where each stands, for messages.
     target: poses T_camera_target of the same moments, when the file holds pairs. notes: what was passed over.
+    times (n,): seconds, where a column says when each pose was taken. joints (n, k): the joint values that forward
+    kinematics made the poses from, radians and metres.
     """
 
     translation: Array
@@ -63,6 +65,8 @@ class RawPoses:
     source: str = ""
     target: RawPoses | None = None
     notes: tuple[str, ...] = ()
+    times: Array | None = None
+    joints: Array | None = None
 
     def __post_init__(self) -> None:
         _refuse_repeated(self.names, self.places)

@@ -215,3 +215,16 @@ def test_names_that_do_not_fit_are_said() -> None:
         calibrate_several(said(T, rng), [Pictures("c", "eye-in-hand", seen)], cameras={"d": CAMERA})
     with pytest.raises(InputError, match="name of another frame"):
         calibrate_several(said(T, rng), [Pictures("base", "eye-in-hand", seen)])
+
+
+def test_cameras_that_were_not_at_one_pose_are_said() -> None:
+    rng = np.random.default_rng(12)
+    T = wrist(rng)
+    elsewhere = noisy_poses(T, sigma_mm=0.5, sigma_deg=0.1, rng=rng)
+    pictures = [
+        Pictures("left", "eye-in-hand", sees(in_hand(T, X_LEFT), rng)),
+        Pictures("right", "eye-in-hand", sees(in_hand(elsewhere, X_RIGHT), rng)),
+    ]
+    result = calibrate_several(said(T, rng), pictures, cameras={"left": CAMERA, "right": CAMERA})
+    assert "warn" in {result.check(f"together-{c}").status for c in ("left", "right")}
+    assert {_trial(0).check(f"together-{c}").status for c in ("left", "right")} == {"ok"}

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from calibrant.diagnose.doctor.diagnosis import Diagnosis, as_result, diagnose_poses
 from calibrant.diagnose.doctor.repair import calibrate_repaired
-from calibrant.diagnose.doctor.timing import times_of
+from calibrant.diagnose.doctor.timing import times_of_names
 from calibrant.errors import RefusedError
 from calibrant.formats.poses import PoseReading, read_poses, readings
 from calibrant.geometry import rotations, se3
@@ -126,10 +126,10 @@ def test_the_result_of_the_doctor_says_what_it_found(tmp_path: Path) -> None:
 
 
 def test_times_are_read_from_names_that_are_time_stamps() -> None:
-    assert times_of(("0.png", "1.png", "2.png")) is None
-    assert times_of(("left.png", "right.png")) is None
-    np.testing.assert_allclose(times_of(("1305031452.79.png", "1305031453.04.png")), [0, 0.25], atol=1e-6)
-    np.testing.assert_allclose(times_of(("1403636579763555584", "1403636579813555456")), [0, 0.05], atol=1e-6)
+    assert times_of_names(("0.png", "1.png", "2.png")) is None
+    assert times_of_names(("left.png", "right.png")) is None
+    np.testing.assert_allclose(times_of_names(("1305031452.79.png", "1305031453.04.png")), [0, 0.25], atol=1e-6)
+    np.testing.assert_allclose(times_of_names(("1403636579763555584", "1403636579813555456")), [0, 0.05], atol=1e-6)
 
 
 @pytest.fixture(scope="module")

@@ -273,3 +273,13 @@ def test_poses_of_another_session_fit_nothing(pairs: CaseOf) -> None:
     found = examine(pairs(T=T))
     assert not found.sound
     assert names(found) == ["no-agreement"]
+
+
+def test_few_clean_poses_raise_no_alarm_of_a_move(pairs: CaseOf) -> None:
+    alarms = []
+    for seed in range(5100, 5160):
+        scene = hand_eye_scene("good", setup=("eye-in-hand", "eye-to-hand")[seed % 2], seed=seed, views=8)
+        names = [f.name for f in examine(pairs(scene)).findings if f.status == "fail"]
+        alarms += [(seed, name) for name in names]
+    # One in a thousand is the chance allowed; with both noise levels taken for one it was one in fifty.
+    assert alarms == []

@@ -51,6 +51,9 @@ FOLDS = 10
 HELD_OUT_FACTOR = 2.0
 """Leaving one of n poses out inflates the error by about 1 + 6 / n; twofold means single poses carry the result."""
 
+TOGETHER_WARN = 1.5
+"""Noise of a camera in the joint fit over its own: a common pose for all leaves it nearly as it is, a few per cent."""
+
 
 @dataclass(frozen=True, eq=False)
 class LoopDeviations:
@@ -256,7 +259,7 @@ def _checks(
     held: LoopDeviations | None,
     views: Sequence[ViewResult],
 ) -> tuple[Check, ...]:
-    checks = [_views_check(views), _loop_check(several, loop)]
+    checks = [_views_check(views), _loop_check(several, loop), *_pixel_checks(several, noise)]
     if held is not None:
         checks.append(_held_out_check(loop, held))
     checks += [_certainty_check(t) for t in _transforms(several, noise.solution) if t.child in several.layout.cameras]
@@ -280,6 +283,25 @@ def _loop_check(several: Several, loop: LoopDeviations) -> Check:
     if size > 0 and mm > LOOP_WARN * size:
         return Check("loop", "warn", f"{text}, {mm / size:.0%} of the motion: expect no better accuracy", mm)
     return Check("loop", "ok", text, mm)
+
+
+def _pixel_checks(several: Several, noise: NoiseEstimate) -> list[Check]:
+    """Does every camera fit into the whole as well as it fits by itself? Only where others could contradict it."""
+    if len(several.layout.cameras) < 2:
+        return []
+    out = []
+    for camera in several.layout.cameras:
+        own = max(d.sigma_px for p, d in zip(several.layout.pictures, several.data) if p.camera == camera)
+        together = noise.levels[pixel_group(camera)].sigma
+        ratio = together / own
+        text = f"{camera}: {together:.3g} px noise together with the others, {own:.3g} px by itself"
+        if ratio > TOGETHER_WARN:
+            text += (
+                ": the cameras moved against each other or against the target, or their photos of one pose were not "
+                "taken at one pose"
+            )
+        out.append(Check(f"together-{camera}", "warn" if ratio > TOGETHER_WARN else "ok", text, ratio))
+    return out
 
 
 def _held_out_check(loop: LoopDeviations, held: LoopDeviations) -> Check:

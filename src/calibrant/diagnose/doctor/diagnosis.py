@@ -56,7 +56,7 @@ def diagnose_poses(complete: Sequence[PoseReading], T_camera_target: Array, *, s
     B = np.asarray(T_camera_target, dtype=np.float64)
     rows = np.arange(len(B))
     poses = decide_poses(complete, B, rows, setup=setup, measured=True)
-    times = times_of(complete[0].ids)
+    times = times_of(complete[0])
     case = case_of_poses(poses.reading.poses, B, setup=poses.setup, times=times)
     if poses.inverted_targets:
         case = case.with_inverted_targets()
@@ -84,7 +84,12 @@ def diagnose_views(
     poses = decide_poses(complete, any_case.B, rows, setup=setup)
     case = replace(
         case_of_views(
-            poses.reading.poses, filled, camera, setup=poses.setup, camera_given=camera_given, times=times_of(ids)
+            poses.reading.poses,
+            filled,
+            camera,
+            setup=poses.setup,
+            camera_given=camera_given,
+            times=times_of(complete[0]),
         ),
         observations=observations,
     )

@@ -56,7 +56,8 @@ def examine(case: Case) -> list[Finding]:
     single = fit_loop(case.A, case.B, case.robust.X, used=used, certainty=case.certainty)
     levels = best.fit.sigma_rotation, best.fit.sigma_translation
     before, after = single.squares(*levels), best.fit.squares(*levels)
-    p = nested_test(before, after, 6, best.fit.freedom, hypotheses=2 * (n - 2 * LEAST_PART + 1))
+    # Rotations and translations have a noise level each, and each level rests on half of the numbers.
+    p = nested_test(before, after, 6, best.fit.freedom // 2, hypotheses=2 * (n - 2 * LEAST_PART + 1))
     gain = case.misfit - best.misfit
     if p > CONVINCING or before < BETTER**2 * after or gain <= 0:
         return []

@@ -1,0 +1,70 @@
+"""Options of the commands that take robot poses and pictures: hand-eye, doctor, tool, kinematics, next-pose."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+Poses = Annotated[
+    list[str],
+    typer.Option("--poses", metavar="FILES", help="File of robot poses, or one file a pose.", show_default=False),
+]
+PosesOfRobots = Annotated[
+    list[str],
+    typer.Option(
+        "--poses", metavar="FILES", show_default=False,
+        help="File of robot poses, or one file a pose; of several robots: NAME=FILE for each.",
+    ),
+]  # fmt: skip
+Images = Annotated[
+    list[str] | None,
+    typer.Option("--images", "-i", metavar="IMAGES", help="Photos, folders or patterns.", show_default=False),
+]
+ImagesOfCameras = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--images", "-i", metavar="IMAGES", show_default=False,
+        help="Photos, folders or patterns; of several cameras: NAME=IMAGES for each, NAME@ROBOT=IMAGES with several "
+        "robots.",
+    ),
+]  # fmt: skip
+TargetPoses = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--target-poses", metavar="FILES", show_default=False,
+        help="Poses of the target in the camera, instead of photos.",
+    ),
+]  # fmt: skip
+KnownCamera = Annotated[
+    str | None,
+    typer.Option(
+        "--camera", metavar="FILE", show_default=False,
+        help="Known camera (any format); without it the photos calibrate it.",
+    ),
+]  # fmt: skip
+KnownCameras = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--camera", metavar="FILE", show_default=False,
+        help="Known camera (any format), of several NAME=FILE; without it the photos calibrate it.",
+    ),
+]  # fmt: skip
+Setup = Annotated[str, typer.Option("--setup", metavar="SETUP", help="auto, eye-in-hand or eye-to-hand.")]
+SetupOfCameras = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--setup", metavar="SETUP", show_default=False,
+        help="auto (the default), eye-in-hand or eye-to-hand; of one of several cameras: NAME=SETUP, or NAME=standing "
+        "for a camera and a board that both stand beside the robot.",
+    ),
+]  # fmt: skip
+Units = Annotated[str, typer.Option("--pose-units", metavar="UNIT", help="Unit of positions: auto, m, mm, cm or in.")]
+Rotation = Annotated[
+    str,
+    typer.Option(
+        "--pose-rotation", metavar="FORM", help="auto, quat-xyzw, quat-wxyz, rotvec, euler:ZYX, euler:xyz …, matrix."
+    ),
+]
+Angle = Annotated[str, typer.Option("--pose-angle", metavar="UNIT", help="auto, deg or rad.")]
+Direction = Annotated[str, typer.Option("--pose-direction", metavar="NAME", help="auto, base-gripper or gripper-base.")]

@@ -1,0 +1,118 @@
+"""`calibrant hand-eye` with several cameras, several robots, and free joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import calibrant as cb
+from calibrant.geometry import se3, so3
+from calibrant.robots.arms import arm
+from calibrant.robots.inverse import solve_inverse
+from calibrant.simulate.render import Look, render
+from calibrant.simulate.scenes import gripper_poses, look_at_board, standard_mounting
+from calibrant.targets.registry import parse_target
+
+TARGET = "chessboard:7x6:30mm"
+VIEWS = 8
+T_LEFT_RIGHT = se3.make(so3.exp([0.0, -0.05, 0.02]), [0.05, 0.0, 0.0])
+OFFSETS_DEG = np.array([0.0, 0.5, -0.6, 0.4, -0.5, 0.0])
+
+
+@dataclass(frozen=True)
+class Pair:
+    """The cell's photos, and those of a second camera on the same gripper under names of its own."""
+
+    left: Path
+    right: Path
+    poses: Path
+    joints: Path
+
+
+@pytest.fixture(scope="session")
+def pair(cell, tmp_path_factory: pytest.TempPathFactory) -> Pair:
+    folder = tmp_path_factory.mktemp("pair")
+    right = folder / "right"
+    right.mkdir()
+    target = parse_target(TARGET)
+    X, Z = standard_mounting("eye-in-hand")
+    # The cell's own true views: its robot's poses carry noise, which both cameras share.
+    seen = look_at_board(
+        cell.camera, target.points, VIEWS, rng=np.random.default_rng(7), distance=(0.35, 0.6), tilt_deg=45
+    )
+    rng = np.random.default_rng(11)
+    names = [row.split(",")[0] for row in cell.poses.read_text().splitlines()[1:]]
+    for name, B in zip(names, seen):
+        there = se3.inverse(T_LEFT_RIGHT) @ B
+        image = render(target.artwork(), cell.camera, there, rng=rng, look=Look(clutter=0, noise_grey=2.0))
+        cv2.imwrite(str(right / name), image)
+    read = np.rad2deg([_joints(T, rng) for T in gripper_poses("eye-in-hand", X, Z, seen)]) - OFFSETS_DEG
+    joints = folder / "joints.csv"
+    lines = [",".join([name, *(f"{v:.6f}" for v in q)]) for name, q in zip(names, read)]
+    joints.write_text("\n".join(["image,q1,q2,q3,q4,q5,q6", *lines]) + "\n")
+    return Pair(cell.images, right, cell.poses, joints)
+
+
+def _joints(T_base_gripper: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Joints of an arm that reach the pose, from the first of many starts that leads there."""
+    starts = rng.uniform(-np.pi, np.pi, (60, 6))
+    found = solve_inverse(arm("ur10e"), np.tile(T_base_gripper, (60, 1, 1)), starts)
+    return found.q[int(np.flatnonzero(found.reached)[0])]
+
+
+def test_two_cameras_by_name(calibrant, pair: Pair, cell, tmp_path: Path) -> None:
+    out, page = tmp_path / "result.json", tmp_path / "result.html"
+    outcome = calibrant(
+        "hand-eye", "--images", f"left={pair.left}", "--images", f"right={pair.right}/*.png", "--poses", pair.poses,
+        "--target", TARGET, "--out", out, "--report", page,
+    )  # fmt: skip
+    assert (outcome.status, outcome.err) == (0, "")
+    result = cb.read(out)
+    assert {(t.parent, t.child) for t in result.transforms} == {
+        ("gripper", "left"), ("gripper", "right"), ("base", "target"), ("left", "right"),
+    }  # fmt: skip
+    between = result.transform("left", "right")
+    d = se3.local(T_LEFT_RIGHT, between.matrix)
+    # sqrt of chi-square(6) / 6 is below 2 in all but 1 in 2000 cases.
+    assert np.sqrt(d @ np.linalg.solve(between.covariance, d) / 6) < 2
+    assert result.joint_covariance is not None
+    assert "T_left_right" in outcome.out
+    assert "left" in page.read_text()
+
+
+def test_free_joints_from_joint_values(calibrant, pair: Pair, cell, tmp_path: Path) -> None:
+    out = tmp_path / "result.json"
+    outcome = calibrant(
+        "hand-eye", "--images", f"left={pair.left}", "--images", f"right={pair.right}", "--poses", pair.joints,
+        "--target", TARGET, "--robot", "ur10e", "--identify", "offsets", "--out", out, "-q",
+    )  # fmt: skip
+    assert (outcome.status, outcome.err) == (0, "")
+    rows = {r["name"]: r for r in cb.read(out).options["parameters"]["robot"]}
+    for name, truth in zip(("shoulder_lift", "elbow", "wrist_1", "wrist_2"), OFFSETS_DEG[1:5]):
+        row = rows[f"{name} offset"]
+        assert abs(row["correction"] - np.deg2rad(truth)) < 4 * row["sigma"]
+    assert "sigma" not in rows["shoulder_pan offset"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--images", "left={left}", "--images", "{right}"), "has no name"),
+        (("--images", "{left}", "--camera", "left=camera.json"), "the photos have no names"),
+        (("--images", "left={left}", "--camera", "top=camera.json"), "there is no camera of that name"),
+        (("--images", "left@a={left}"), "robot 'a', which has no poses"),
+        (("--images", "left={left}", "--setup", "left=eye-in-foot"), "unknown setup"),
+        (("--images", "left={left}", "--identify", "offsets"), "--identify needs the joints"),
+        (("--images", "left={left}", "--workspace", "0mm:1mm,0mm:1mm,0mm:1mm"), "not available with several"),
+    ],
+)
+def test_what_does_not_fit_together_is_said(calibrant, pair: Pair, arguments: tuple[str, ...], words: str) -> None:
+    given = [a.format(left=pair.left, right=pair.right) for a in arguments]
+    outcome = calibrant("hand-eye", *given, "--poses", pair.poses, "--target", TARGET)
+    assert outcome.status == 2
+    assert words in outcome.err
+    assert outcome.out == ""

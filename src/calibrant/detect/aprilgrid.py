@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from calibrant.detect import saddle
 from calibrant.detect.detection import Detection, Grey
 from calibrant.detect.local_homography import fit_local_maps
-from calibrant.detect.opencv import FINE_WINDOWS, Markers, find_markers
+from calibrant.detect.marker_search import efforts, find_markers
+from calibrant.detect.opencv import Markers
 from calibrant.detect.quad_edges import refine_quads
 from calibrant.detect.tags import shows_cells
 from calibrant.errors import InputError
@@ -25,9 +26,6 @@ Array = NDArray[np.float64]
 
 COARSE_SIDE_PX = 1000
 """The first search is in an image of about this many pixels: a 6x6 grid that fills half of it has tags of 60 px."""
-CONTRASTS = (15, 25, 7)
-"""Grey levels below the mean around that count as ink, in the order tried. Tags touch the small squares at their
-corners, where the grey is the mean of ink and paper: more than the usual few levels keep them apart when blurred."""
 ENOUGH = 0.5
 """Part of the tags with which no further search is made: the others are read where these put them."""
 LEAST_TAGS = 2
@@ -68,13 +66,10 @@ class AprilGridDetector:
 
 def _search(grey: Grey, target: AprilGrid) -> Markers:
     """The tags of the grid, with more effort until most are read; each once."""
-    factor = max(1, round(max(grey.shape) / COARSE_SIDE_PX))
     count = target.columns * target.rows
     best = Markers.of((), None)
-    for size, contrast in [(f, c) for f in dict.fromkeys((factor, 1)) for c in CONTRASTS]:
-        found = find_markers(
-            grey, target.dictionary, factor=size, windows=FINE_WINDOWS, border=target.border, contrast=contrast
-        )
+    for effort in efforts(grey.shape, COARSE_SIDE_PX):
+        found = find_markers(grey, target.dictionary, effort, border=target.border)
         once = np.array([np.count_nonzero(found.ids == i) == 1 for i in found.ids], dtype=bool)
         found = found.subset(once & (found.ids < count))
         best = found if len(found) > len(best) else best

@@ -19,8 +19,9 @@ from calibrant.detect.charuco_camera import anchors_from_camera
 from calibrant.detect.charuco_corners import Corners, corner_anchors, grow_corners, marker_anchors
 from calibrant.detect.charuco_reasons import why_not_found
 from calibrant.detect.detection import Detection, Grey
+from calibrant.detect.marker_search import Effort, efforts, find_markers
 from calibrant.detect.markers import agreeing_group, is_negative, read_markers
-from calibrant.detect.opencv import ALL_WINDOWS, FINE_WINDOWS, MIDDLE_WINDOWS, Markers, find_markers
+from calibrant.detect.opencv import Markers
 from calibrant.errors import InputError
 from calibrant.targets.charuco import Charuco
 from calibrant.targets.target import Target
@@ -32,6 +33,8 @@ COARSE_SIDE_PX = 800
 LEAST_CORNERS = 4
 # One marker may show by chance what it should; two, where the corners put them, do not.
 LEAST_MARKERS = 2
+# Markers that agree with no other are tried one by one: texture gives a few, a board that was read badly one or two.
+MOST_ALONE = 4
 # A marker seen anywhere on the board has all of it within this many boards' lengths, with room for perspective.
 REACH_BOARDS = 1.2
 # Markers read with another id than the place's: one in five may be misread; more, and this is another board.
@@ -70,44 +73,50 @@ class CharucoDetector:
 
 
 def _searches(grey: Grey, target: Charuco) -> Iterator[Markers]:
-    """Markers found with more and more effort: the whole picture once at each size, then where some were seen."""
-    factor = max(1, round(max(grey.shape) / COARSE_SIDE_PX))
+    """Markers found with more and more effort: in the whole picture, then where some were seen."""
     seen = Markers.of((), None)
-    while factor > 1:
-        markers = _in_region(grey, target, seen, windows=FINE_WINDOWS, factor=factor)
+    for effort in efforts(grey.shape, COARSE_SIDE_PX, "light" if target.inverted else "dark"):
+        markers = _in_region(grey, target, seen, effort)
         yield markers
         seen = markers if len(markers) > len(seen) else seen
-        factor //= 2
-    markers = _in_region(grey, target, seen, windows=MIDDLE_WINDOWS)
-    yield markers
-    seen = markers if len(markers) > len(seen) else seen
-    if len(seen):
-        yield _in_region(grey, target, seen, windows=ALL_WINDOWS)
 
 
-def _in_region(grey: Grey, target: Charuco, seen: Markers, *, windows: tuple[int, ...], factor: int = 1) -> Markers:
+def _in_region(grey: Grey, target: Charuco, seen: Markers, effort: Effort) -> Markers:
     """Markers in the part of the picture that a board with the markers seen can reach; in all of it before any was."""
     on_board = seen.subset(seen.ids < target.marker_count)
     if len(on_board) < LEAST_MARKERS:
-        return find_markers(grey, target.dictionary, factor=factor, windows=windows)
+        return find_markers(grey, target.dictionary, effort)
     side = np.linalg.norm(np.roll(on_board.corners, 1, axis=1) - on_board.corners, axis=2).max()
     reach = REACH_BOARDS * side * target.square / target.marker * max(target.columns, target.rows)
     low = np.maximum(np.floor(on_board.corners.min(axis=(0, 1)) - reach), 0).astype(int)
     high = np.ceil(on_board.corners.max(axis=(0, 1)) + reach).astype(int) + 1
     part = np.ascontiguousarray(grey[low[1] : high[1], low[0] : high[0]])
-    found = find_markers(part, target.dictionary, factor=factor, windows=windows)
+    found = find_markers(part, target.dictionary, effort)
     return Markers(found.ids, found.corners + low)
 
 
 def _best_board(grey: Grey, target: Charuco, markers: Markers) -> _Board | None:
-    """The board that the markers show in the layout they fit best; the layout asked for wins a tie."""
+    """The board that the markers show in the layout they fit best; the layout asked for wins a tie.
+
+    Where no two markers agree, each of them alone may lead to the others, which then confirm it.
+    """
     layouts = [target] if target.rows % 2 else [target, replace(target, legacy=not target.legacy)]
     fits = [agreeing_group(markers, layout) for layout in layouts]
     best = int(np.argmax([fit.sum() for fit in fits]))
-    if not fits[best].any():
-        return None
-    seed = markers.subset(fits[best])
-    printed = replace(layouts[best], inverted=is_negative(grey, seed, target))
+    if fits[best].any():
+        return _grown(grey, layouts[best], markers.subset(fits[best]), markers)
+    alone = np.flatnonzero(markers.ids < target.marker_count)[:MOST_ALONE]
+    for k in alone:
+        for layout in layouts:
+            board = _grown(grey, layout, markers.subset(np.arange(len(markers)) == k), markers)
+            if board is not None:
+                return board
+    return None
+
+
+def _grown(grey: Grey, layout: Charuco, seed: Markers, markers: Markers) -> _Board | None:
+    """The board grown from markers that lie as on it, when it is confirmed."""
+    printed = replace(layout, inverted=is_negative(grey, seed, layout))
     corners = grow_corners(grey, printed, marker_anchors(seed, printed))
     return _confirmed(grey, printed, corners, markers)
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from calibrant.detect.codes import read_codes
 from calibrant.detect.detection import Detection, Grey
-from calibrant.detect.opencv import Markers, find_markers_of
+from calibrant.detect.marker_search import Effort, find_quads_at
+from calibrant.detect.opencv import Markers
 from calibrant.targets.charuco import Charuco
 from calibrant.targets.dictionaries import DICTIONARIES
 
@@ -25,7 +27,7 @@ _FAMILIES = (
 _LEAST_OTHER_MARKERS = 3
 # A board of another dictionary is named from an image of about this many pixels along its longer side: it is looked for
 # in every picture without the board, and must cost little there.
-_LOOK_SIDE_PX = 420
+_LOOK_SIDE_PX = 800
 
 
 def why_not_found(grey: Grey, target: Charuco, markers: Markers) -> Detection:
@@ -63,8 +65,9 @@ def why_not_found(grey: Grey, target: Charuco, markers: Markers) -> Detection:
 
 def _other_dictionary(grey: Grey, target: Charuco) -> str | None:
     """The dictionary most of whose markers are in the picture, the smallest that holds their ids; None without one."""
-    found = find_markers_of(grey, _FAMILIES, factor=max(1, round(max(grey.shape) / _LOOK_SIDE_PX)))
-    counts = {name: len(np.unique(markers.ids)) for name, markers in found.items()}
+    quads = find_quads_at(grey, Effort(max(1, round(max(grey.shape) / _LOOK_SIDE_PX))))
+    found = {name: read_codes(grey, quads, name) for name in _FAMILIES}
+    counts = {name: len(np.unique(markers.ids)) for name, markers in found.items() if len(markers)}
     if not counts or max(counts.values()) < _LEAST_OTHER_MARKERS:
         return None
     family = max(counts, key=lambda name: counts[name])

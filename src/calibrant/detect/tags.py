@@ -10,16 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.detect.detection import Detection, Grey
+from calibrant.detect.marker_search import efforts, find_markers
 from calibrant.detect.markers import map_from_unit_square
-from calibrant.detect.opencv import (
-    ALL_WINDOWS,
-    FINE_WINDOWS,
-    MIDDLE_WINDOWS,
-    Markers,
-    find_markers,
-    marker_cells,
-    sample,
-)
+from calibrant.detect.opencv import Markers, marker_cells, sample
 from calibrant.detect.quad_edges import refine_quads
 from calibrant.errors import InputError
 from calibrant.targets.bundle import Bundle
@@ -52,7 +45,8 @@ class TagDetector:
             raise InputError(f"the detector of markers was given a target of kind {target.kind!r}")
         wanted = target.marker_points
         best = Markers.of((), None)
-        for markers in (find_markers(grey, target.dictionary, factor=f, windows=w) for f, w in _efforts(grey)):
+        for effort in efforts(grey.shape, COARSE_SIDE_PX):
+            markers = find_markers(grey, target.dictionary, effort)
             on_target = markers.subset(np.isin(markers.ids, list(wanted)))
             if len(np.unique(on_target.ids)) > len(np.unique(best.ids)):
                 best = on_target
@@ -74,12 +68,6 @@ class TagDetector:
         kept = np.flatnonzero(good)[np.argsort(best.ids[good])]
         ids = np.concatenate([wanted[int(i)] for i in best.ids[kept]])
         return Detection(ids, uv[kept].reshape(-1, 2), sigma[kept].ravel())
-
-
-def _efforts(grey: Grey) -> list[tuple[int, tuple[int, ...]]]:
-    factor = max(1, round(max(grey.shape) / COARSE_SIDE_PX))
-    coarse = [(factor, FINE_WINDOWS)] if factor > 1 else []
-    return [*coarse, (1, MIDDLE_WINDOWS), (1, ALL_WINDOWS)]
 
 
 def shows_cells(grey: Grey, corners: Array, ids: NDArray[np.int64], dictionary: str, *, border: int = 1) -> NDArray:

@@ -23,6 +23,7 @@ from calibrant.cli import (
     next_pose,
     pose,
     report,
+    study,
     target,
     time_offset,
     tool,
@@ -52,6 +53,7 @@ app.command("time-offset", short_help="Find the offset between camera's and robo
 app.command("dynamic", short_help="Locate a camera beside the robot through the wrist camera.")(dynamic.dynamic)
 app.add_typer(tool.app, name="tool", short_help="Find a tool's tip, by touch or by sight.")
 app.command("undistort", short_help="Undistort photos.")(undistort.undistort)
+app.add_typer(study.app, name="study", short_help="Compare methods, and see when each fails.")
 app.command("report", short_help="Show a result file, or make its HTML report.")(report.report)
 
 MANY_VALUES = (

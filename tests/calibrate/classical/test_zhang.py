@@ -77,6 +77,20 @@ def test_one_view_that_faces_the_camera_is_refused() -> None:
         calibrate_zhang_one_view(BOARD, seen(camera(), pose(60, tilt=0.0), BOARD), image_size=SIZE, centre=CENTRE)
 
 
+def test_points_of_a_view_on_a_line_but_one_are_refused() -> None:
+    four = BOARD[[0, 1, 2, 30]]
+    uv = [seen(camera(), pose(i), four) for i in range(3)]
+    with pytest.raises(Degenerate, match=r"collinear points: view 0: .*lie on a line"):
+        calibrate_zhang([four] * 3, uv, image_size=SIZE)
+
+
+def test_planes_that_all_face_the_camera_are_refused() -> None:
+    """The columns of B13 and B23 are then rounding alone, which must not count as data."""
+    uv = [seen(camera(), pose(i, tilt=0.0), BOARD) for i in range(4)]
+    with pytest.raises(Degenerate, match=r"parallel planes"):
+        calibrate_zhang([BOARD] * 4, uv, image_size=SIZE)
+
+
 def test_what_the_method_cannot_use_is_named() -> None:
     truth = camera()
     _, uv = views(3, 5, truth)

@@ -28,7 +28,8 @@ Array = NDArray[np.float64]
 
 STEPS = 50
 """From the linear start five steps settle ordinary lenses."""
-STOP = 1e-14
+STOP = 1e-13
+"""A step that moves the pixels by less than this share of their distance from the principal point is rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +135,8 @@ def _refined(start: Depth, rows: Aligned, *, distorts: bool) -> Depth:
     r, J = residuals(x, rows)
     for _ in range(STEPS):
         step = -least_squares(J, r)
+        if np.linalg.norm(J @ step) <= STOP * np.linalg.norm(rows.image):
+            break
         for _ in range(STEPS):
             trial, slope = residuals(x + step, rows)
             if np.all(np.isfinite(trial)) and trial @ trial <= r @ r:
@@ -142,8 +145,6 @@ def _refined(start: Depth, rows: Aligned, *, distorts: bool) -> Depth:
         else:
             break
         x, r, J = x + step, trial, slope
-        if np.all(np.abs(step) <= STOP * np.abs(x)):
-            break
     return Depth(*(float(v) for v in x))
 
 

@@ -73,7 +73,7 @@ def dlt(points: ArrayLike, uv: ArrayLike) -> Array:
         raise Degenerate(
             NO_FOCAL_LENGTH, "all points have one depth in the image: a telecentric lens, or points too far away"
         )
-    P = np.linalg.solve(S, normalised @ T)
+    P = np.asarray(np.linalg.solve(S, normalised @ T), dtype=np.float64)
     P /= np.linalg.norm(P[2, :3])
     depth = p @ P[2, :3] + P[2, 3]
     if depth.sum() < 0:

@@ -47,7 +47,8 @@ def null_vector(M: Array) -> NullVector:
     """Least |M h| over unit h, columns scaled to unit length first. Args: M (n, k), n >= k - 1."""
     n, k = M.shape
     length = np.linalg.norm(M, axis=0)
-    length = np.where(length > 0, length, 1.0)
+    # A column of nothing but rounding says nothing about its unknown: scaled up, it would seem to.
+    length = np.where(length > RANK * length.max(), length, max(length.max(), 1e-300))
     _, s, Vt = np.linalg.svd(M / length, full_matrices=True)
     s = np.concatenate([s, np.zeros(k - len(s))])
     spare = n - (k - 1)

@@ -29,6 +29,8 @@ from calibrant.calibrate.classical.points import (
     image_centre,
 )
 from calibrant.calibrate.classical.refusals import (
+    BEHIND,
+    COLLINEAR,
     FRONTO_PARALLEL,
     NO_FOCAL_LENGTH,
     NOT_COPLANAR,
@@ -67,11 +69,11 @@ def calibrate_zhang(
             "the principal point: Tsai's method, or calibrate_zhang_one_view",
         )
     xy, m, T_plane_target = _planes(points, uv)
-    H = homographies(xy, m)
+    H = _homographies(xy, m)
     shift = _towards_unity(image_size)
     K = np.asarray(np.linalg.solve(shift, _camera_matrix(shift @ H, skew)), dtype=np.float64)
     camera = camera_of(K, image_size) if skew == "free" else _pinhole(K, image_size)
-    return ClassicalCalibration(camera, planar_start.poses(H, K) @ T_plane_target)
+    return ClassicalCalibration(camera, _poses_in_front(H, K, xy) @ T_plane_target)
 
 
 def calibrate_zhang_one_view(
@@ -84,7 +86,7 @@ def calibrate_zhang_one_view(
     """
     middle = image_centre(image_size, centre)
     xy, m, T_plane_target = _planes([points], [uv])
-    H = homographies(xy, m)
+    H = _homographies(xy, m)
     focal = planar_start.focal_lengths(H, middle) if _shows_perspective(xy[0], m[0]) else None
     if focal is None:
         raise Degenerate(
@@ -93,7 +95,7 @@ def calibrate_zhang_one_view(
             "little. Tilt the target 20 to 45 degrees",
         )
     K = np.array([[focal[0], 0, middle[0]], [0, focal[1], middle[1]], [0, 0, 1]])
-    return ClassicalCalibration(_pinhole(K, image_size), planar_start.poses(H, K) @ T_plane_target)
+    return ClassicalCalibration(_pinhole(K, image_size), _poses_in_front(H, K, xy) @ T_plane_target)
 
 
 def zhang_distortion(
@@ -186,6 +188,27 @@ def _planes(points: Sequence[ArrayLike], uv: Sequence[ArrayLike]) -> tuple[list[
     plane = planar_start.in_plane(together)
     ends = np.cumsum([len(p) for p, _ in pairs])[:-1]
     return np.split(plane.xy, ends), [m for _, m in pairs], plane.T_plane_target
+
+
+def _homographies(xy: Sequence[Array], uv: Sequence[Array]) -> Array:
+    """Homographies (m, 3, 3). Raises: Degenerate where all points of a view but one lie on a line."""
+    try:
+        return homographies(xy, uv)
+    except InputError as error:
+        raise Degenerate(COLLINEAR, str(error)) from error
+
+
+def _poses_in_front(H: Array, K: Array, xy: Sequence[Array]) -> Array:
+    """T_camera_plane (m, 4, 4) of homographies. Raises: Degenerate where a point would be behind the camera."""
+    T = planar_start.poses(H, K)
+    for i, (pose, points) in enumerate(zip(T, xy)):
+        if np.any(points @ pose[2, :2] + pose[2, 3] <= 0):
+            raise Degenerate(
+                BEHIND,
+                f"the camera that fits best has points of view {i} behind it; check that points and pixels are in the "
+                "same order, and take more points or larger tilts",
+            )
+    return T
 
 
 def _towards_unity(image_size: tuple[int, int]) -> Array:

@@ -21,7 +21,6 @@ from calibrant.optimize import (
 )
 from calibrant.optimize.consistency import ChiSquare, against_stated
 from calibrant.optimize.factors import RotationPrior
-from calibrant.optimize.level_spread import level_information
 from calibrant.optimize.noise import redundancies
 
 
@@ -163,7 +162,7 @@ def test_level_information_is_the_trace_of_projections() -> None:
         solution = solve(SHAPES[name](3))
         problem = solution.problem
         groups = list(problem.noise_groups)
-        M = level_information(solution, groups)
+        M = solution.noise_shares.information(tuple(groups))
         _, J = system(problem, solution.values)
         scale = 1 / np.linalg.norm(J, axis=0)
         U = np.linalg.qr(J * scale)[0]

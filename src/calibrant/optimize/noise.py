@@ -22,10 +22,8 @@ from numpy.typing import NDArray
 from calibrant.optimize import level_spread
 from calibrant.optimize.factors import EXACT
 from calibrant.optimize.levenberg_marquardt import SolverOptions, solve, solve_again
-from calibrant.optimize.linear import in_free
 from calibrant.optimize.problem import Problem, Values
 from calibrant.optimize.solution import Solution
-from calibrant.optimize.structure import SHARED
 
 Array = NDArray[np.float64]
 
@@ -72,7 +70,8 @@ class NoiseEstimate:
 def redundancies(solution: Solution) -> dict[str, tuple[float, float, int]]:
     """For each noise group: sum of squared residuals (unit weights), redundancy r_k, number of residuals n_k."""
     problem, levels = solution.problem, solution.sigmas
-    out: dict[str, tuple[float, float, int]] = {}
+    shares = solution.noise_shares
+    out = {g: (0.0, float(n - t), int(n)) for g, n, t in zip(shares.groups, shares.counts, shares.traces)}
     for k, factor in enumerate(problem.factors):
         if factor.noise == EXACT:
             continue
@@ -82,55 +81,8 @@ def redundancies(solution: Solution) -> dict[str, tuple[float, float, int]]:
         else:
             norms = factor.whitened_norms(problem.gather(k, solution.values), sigma=sigma)
             squares = float(np.sum(factor.loss.evaluate(norms**2)[1] * norms**2)) * sigma**2
-        trace = _trace(solution, k)
-        before = out.get(factor.noise, (0.0, 0.0, 0))
-        out[factor.noise] = (
-            before[0] + squares,
-            before[1] + factor.residual_count - trace,
-            before[2] + factor.residual_count,
-        )
-    return out
-
-
-def _trace(solution: Solution, k: int) -> float:
-    """trace(H_k C) of one factor, edge by edge."""
-    problem = solution.problem
-    factor, blocks = problem.factors[k], solution.equations.factors[k]
-    bases = problem.bases(k, solution.values)
-    slots = problem.structure.slots[k]
-    total = 0.0
-    for (a, b), H in blocks.hessian.items():
-        C = _edge_covariance(solution, slots[a], factor.indices[a], slots[b], factor.indices[b])
-        if C is None:
-            continue
-        share = float(np.sum(in_free(H, bases[a], bases[b]) * C))
-        total += share if a == b else 2 * share
-    return total
-
-
-def _edge_covariance(solution: Solution, a: int, i: NDArray[np.int64], b: int, j: NDArray[np.int64]) -> Array | None:
-    """Covariance (m, free_a, free_b) between instances i of variable a and j of variable b; None for constants."""
-    p, q = solution.problem.structure.placements[a], solution.problem.structure.placements[b]
-    if p is None or q is None:
-        return None
-    blocks = solution.blocks
-    out = np.empty((len(i), p.dim, q.dim))
-    rows, columns = p.offset[i][:, None] + np.arange(p.dim), q.offset[j][:, None] + np.arange(q.dim)
-    batch_a, batch_b = p.batch[i], q.batch[j]
-    for pa, pb in {(int(x), int(y)) for x, y in zip(batch_a, batch_b)}:
-        m = (batch_a == pa) & (batch_b == pb)
-        r, c = rows[m][:, :, None], columns[m][:, None, :]
-        if pa == SHARED and pb == SHARED:
-            out[m] = blocks.shared[r, c]
-        elif pb == SHARED:
-            out[m] = blocks.cross[pa][p.row[i[m]][:, None, None], r, c]
-        elif pa == SHARED:
-            out[m] = np.swapaxes(
-                blocks.cross[pb][q.row[j[m]][:, None, None], columns[m][:, :, None], rows[m][:, None, :]], -1, -2
-            )
-        else:
-            # An edge's eliminated instances share a component by construction.
-            out[m] = blocks.own[pa][p.row[i[m]][:, None, None], r, c]
+        before, freedom, count = out[factor.noise]
+        out[factor.noise] = (before + squares, freedom, count)
     return out
 
 
@@ -152,68 +104,47 @@ def estimate_noise(
     solution = solve(problem, start=start, sigmas=levels, options=options)
     estimate: dict[str, NoiseLevel] = {}
     settled, rounds = False, 0
-    previous: dict[str, float] = {}
     while not settled and rounds < MAX_ROUNDS:
         rounds += 1
         parts = redundancies(solution)
         estimate = _update(parts, levels, lowest)
-        change = {g: float(np.log(e.sigma / levels.get(g, 1.0))) for g, e in estimate.items()}
-        change, previous = _ahead(solution, parts, estimate, change, previous)
+        change = _scoring_step(solution, parts, estimate)
         settled = all(abs(c) < TOLERANCE for c in change.values())
         levels = {**levels, **{g: max(levels.get(g, 1.0) * np.exp(c), lowest[g]) for g, c in change.items()}}
         solution = solve_again(solution, levels, options=options)
     return _with_spread(NoiseEstimate(solution, estimate, rounds, settled))
 
 
-def _ahead(
-    solution: Solution,
-    parts: Mapping[str, tuple[float, float, int]],
-    estimate: Mapping[str, NoiseLevel],
-    change: Mapping[str, float],
-    previous: Mapping[str, float],
-) -> tuple[dict[str, float], dict[str, float]]:
-    """Changes of the log levels to make now, and those that the next round may extrapolate from.
+def _scoring_step(
+    solution: Solution, parts: Mapping[str, tuple[float, float, int]], estimate: Mapping[str, NoiseLevel]
+) -> dict[str, float]:
+    """Changes of the log levels by Fisher's scoring, d log sigma = 1/2 M^-1 (v^T v / sigma^2 - r).
 
-    Fisher's scoring, d log sigma = 1/2 M^-1 (v^T v / sigma^2 - r), where M can be had: the plain iteration takes tens
-    of rounds where groups compete, or where one goes to zero. Else the plain change, extrapolated.
+    The plain iteration sigma^2 <- v^T v / r takes tens of rounds where groups compete, or where one goes to zero.
     """
+    levels = solution.sigmas
+    falling = {g for g, e in estimate.items() if np.log(e.sigma / levels.get(g, 1.0)) <= -TOLERANCE}
     # A level at its floor that would fall further stays there; the others are settled around it.
-    moving = [g for g, e in estimate.items() if e.determined and not (e.at_floor and change[g] > -TOLERANCE)]
-    M = level_spread.level_information(solution, moving)
-    if M is None:
-        jump = {g: _extrapolation(c, previous.get(g)) for g, c in change.items()}
-        # After a jump the next change is not part of the geometric series any more.
-        return {g: c + jump[g] for g, c in change.items()}, {g: c for g, c in change.items() if jump[g] == 0.0}
+    moving = [g for g, e in estimate.items() if e.determined and not (e.at_floor and g not in falling)]
+    if not moving:
+        return {}
+    M = solution.noise_shares.information(tuple(moving))
     surplus = np.array([parts[g][0] / solution.sigmas.get(g, 1.0) ** 2 - parts[g][1] for g in moving])
     # Least squares: of two groups that the residuals cannot tell apart, both move alike.
     step = 0.5 * np.linalg.lstsq(M, surplus, rcond=1e-6)[0]
-    return {g: float(np.clip(c, -LONGEST_STEP, LONGEST_STEP)) for g, c in zip(moving, step)}, {}
+    return {g: float(np.clip(c, -LONGEST_STEP, LONGEST_STEP)) for g, c in zip(moving, step)}
 
 
 def _with_spread(found: NoiseEstimate) -> NoiseEstimate:
     """The estimate with deviations of the levels that know of each other, and covariances averaged over them."""
     groups = [g for g, level in found.levels.items() if level.determined]
-    M = level_spread.level_information(found.solution, groups)
-    if M is None:
-        return found
+    M = found.solution.noise_shares.information(tuple(groups))
     relative = dict(zip(groups, level_spread.level_deviations(M)))
     levels = {
         g: replace(level, deviation=float(level.sigma * relative[g])) if g in relative else level
         for g, level in found.levels.items()
     }
     return replace(found, solution=level_spread.averaged(found.solution, M, groups), levels=levels)
-
-
-def _extrapolation(change: float, before: float | None) -> float:
-    """What is left of a geometric series of changes (Aitken): change q / (1 - q), q the last ratio.
-
-    The plain iteration converges linearly, slowly where a group's redundancy is small. q is capped at 0.9, so that a
-    chance ratio near 1 cannot throw a level away.
-    """
-    if before is None or before == 0.0 or not 0.2 < change / before < 1.0:
-        return 0.0
-    q = min(change / before, 0.9)
-    return change * q / (1 - q)
 
 
 def _update(

@@ -17,10 +17,13 @@ from calibrant.optimize.structure import SHARED
 from calibrant.optimize.unobservable import Unobservable
 
 if TYPE_CHECKING:
+    from calibrant.optimize.noise_shares import NoiseShares
     from calibrant.optimize.problem import Problem, Values
 
 Array = NDArray[np.float64]
 
+LEAST_OVER_ROUNDING = 10.0
+"""An eigenvalue less than ten times what rounding may make of it says nothing: its sigma would be off by 5 % and more."""
 CLEAR_PIVOT = 1e-8
 """Cholesky pivots of the scaled matrix overestimate its smallest eigenvalue, by little in practice."""
 CLEAR_OF_ROUNDING = 1e5
@@ -114,7 +117,7 @@ class Solution:
         if linear_kernels.invert_definite(scaled, inverse) > max(CLEAR_PIVOT, CLEAR_OF_ROUNDING * rounding):
             return scale, inverse, np.zeros((len(S), 0))
         values, vectors = np.linalg.eigh(scaled)
-        null = values < rounding
+        null = values < LEAST_OVER_ROUNDING * rounding
         inverse = (vectors[:, ~null] / values[~null]) @ vectors[:, ~null].T
         return scale, inverse, vectors[:, null]
 
@@ -156,6 +159,28 @@ class Solution:
             own.append(o)
             cross.append(c)
         return Covariance(shared, tuple(own), tuple(cross))
+
+    @cached_property
+    def component_inverses(self) -> tuple[Array, ...]:
+        """V^-1 (n, b, b) of every batch of components."""
+        from calibrant.optimize import linear_kernels
+
+        out = []
+        for part in self._parts:
+            n, b, _ = part.Y.shape
+            inverse = np.empty((n, b, b))
+            linear_kernels.component_covariances(
+                part.L, np.empty((n, b, 0)), np.empty((0, 0)), inverse, np.empty((n, b, 0))
+            )
+            out.append(inverse)
+        return tuple(out)
+
+    @cached_property
+    def noise_shares(self) -> NoiseShares:
+        """Shares of the noise groups in the normal matrix, computed once. Raises: RefusedError as `blocks`."""
+        from calibrant.optimize.noise_shares import noise_shares
+
+        return noise_shares(self)
 
     def covariance(self, name: str, index: int = 0) -> Array:
         """Covariance (k, k) of one instance in its natural tangent; held components have variance 0."""

@@ -313,9 +313,7 @@ def main() -> int:
                     good = row.named <= ALARMS
                     text = f"alarms {100 * row.named:5.1f} %"
                 else:
-                    row = run_fault(
-                        name, sample, sizes, given.trials, given.compare, Path(folder), seed=given.seed
-                    )
+                    row = run_fault(name, sample, sizes, given.trials, given.compare, Path(folder), seed=given.seed)
                     good = row.named >= NAMED and row.agrees >= AGREES
                     text = f"named {100 * row.named:5.1f} %, within 1 sigma {100 * row.agrees:5.1f} % of {row.compared}"
                 passed &= good

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from calibrant.cli import options as o
+from calibrant.cli import pose_options as p
 
 
 def dynamic(
@@ -51,14 +52,10 @@ def dynamic(
     robot_base: o.RobotBase = None,
     joint_angle: o.JointAngle = "auto",
     robot_format: o.RobotFormat = None,
-    pose_units: Annotated[str, typer.Option("--pose-units", metavar="UNIT", help="auto, mm or m.")] = "auto",
-    pose_rotation: Annotated[
-        str, typer.Option("--pose-rotation", metavar="FORM", help="auto, quat-xyzw, rotvec, euler:ZYX …, matrix.")
-    ] = "auto",
-    pose_angle: Annotated[str, typer.Option("--pose-angle", metavar="UNIT", help="auto, deg or rad.")] = "auto",
-    pose_direction: Annotated[
-        str, typer.Option("--pose-direction", metavar="NAME", help="auto, base-gripper or gripper-base.")
-    ] = "auto",
+    pose_units: p.Units = "auto",
+    pose_rotation: p.Rotation = "auto",
+    pose_angle: p.Angle = "auto",
+    pose_direction: p.Direction = "auto",
     out: o.Out = None,
     json: o.Json = False,
     quiet: o.Quiet = False,

@@ -43,27 +43,9 @@ def hand_eye(
             help="With --robot and joint values: find the robot's own errors too: offsets, gear, coupling, geometry.",
         ),
     ] = None,
-    workspace: Annotated[
-        str | None,
-        typer.Option(
-            "--workspace", metavar="VOLUME", show_default=False,
-            help="Say the accuracy in this volume of the base: 300mm:700mm,-200mm:200mm,0mm:100mm (x, y, z).",
-        ),
-    ] = None,
-    tolerance: Annotated[
-        str | None,
-        typer.Option(
-            "--tolerance", metavar="LENGTH", show_default=False,
-            help="Fail unless 95 % of the errors in the workspace stay below this, e.g. 1mm.",
-        ),
-    ] = None,
-    target_sigma: Annotated[
-        str | None,
-        typer.Option(
-            "--target-sigma", metavar="PERCENT", show_default=False,
-            help="How well the board's size is known (1 sigma), for the workspace; 0.05% unless given.",
-        ),
-    ] = None,
+    workspace: p.Workspace = None,
+    tolerance: p.Tolerance = None,
+    target_sigma: p.TargetSigma = None,
     model: o.Model = "brown",
     fix: o.Fix = None,
     mirror_x: o.MirrorX = False,

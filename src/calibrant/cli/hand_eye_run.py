@@ -83,7 +83,7 @@ def _complete(
         options=options,
         inputs=session.file_records(data.files),
     )
-    return _in_workspace(review(done), request)
+    return in_workspace(review(done), request.workspace, request.tolerance, request.target_sigma)
 
 
 def doctor_checks(findings: Sequence[Finding], known: Sequence[Check]) -> list[Check]:
@@ -92,10 +92,15 @@ def doctor_checks(findings: Sequence[Finding], known: Sequence[Check]) -> list[C
     return [f.check for f in findings if f.name not in answered]
 
 
-def _in_workspace(result: CalibrationResult, request: Request) -> CalibrationResult:
-    """The result with its accuracy in the workspace asked for, where one is."""
-    if request.workspace is None:
+def in_workspace(
+    result: CalibrationResult, workspace: str | None, tolerance: str | None, target_sigma: str | None
+) -> CalibrationResult:
+    """The result with its accuracy in the workspace asked for, where one is. Raises: InputError for a wrong volume."""
+    from calibrant.diagnose.workspace_volume import check_request
+
+    check_request(workspace, tolerance, target_sigma)
+    if workspace is None:
         return result
     from calibrant.diagnose.workspace import with_workspace
 
-    return with_workspace(result, request.workspace, tolerance=request.tolerance, target_sigma=request.target_sigma)
+    return with_workspace(result, workspace, tolerance=tolerance, target_sigma=target_sigma)

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from calibrant.cli import options as o
+from calibrant.cli import pose_options as p
 
 
 def kinematics(
@@ -39,11 +40,9 @@ def kinematics(
         str | None, typer.Option("--payload", metavar="MASS", help="At the flange, e.g. 5kg.", show_default=False)
     ] = None,
     joint_angle: o.JointAngle = "auto",
-    pose_units: Annotated[str, typer.Option("--pose-units", metavar="UNIT", help="auto, mm or m.")] = "auto",
-    pose_rotation: Annotated[
-        str, typer.Option("--pose-rotation", metavar="NOTATION", help="auto, quat-xyzw, rotvec, euler:ZYX …, matrix.")
-    ] = "auto",
-    pose_angle: Annotated[str, typer.Option("--pose-angle", metavar="UNIT", help="auto, deg or rad.")] = "auto",
+    pose_units: p.Units = "auto",
+    pose_rotation: p.Rotation = "auto",
+    pose_angle: p.Angle = "auto",
     robot_format: o.RobotFormat = None,
     exclude: Annotated[
         list[str] | None,

@@ -1,4 +1,4 @@
-"""Options of the commands that take robot poses and pictures: hand-eye, doctor, tool, kinematics, next-pose."""
+"""Options that commands with robot poses share: what the data are, and where the accuracy is asked for."""
 
 from __future__ import annotations
 
@@ -68,3 +68,24 @@ Rotation = Annotated[
 ]
 Angle = Annotated[str, typer.Option("--pose-angle", metavar="UNIT", help="auto, deg or rad.")]
 Direction = Annotated[str, typer.Option("--pose-direction", metavar="NAME", help="auto, base-gripper or gripper-base.")]
+Workspace = Annotated[
+    str | None,
+    typer.Option(
+        "--workspace", metavar="VOLUME", show_default=False,
+        help="Say the accuracy in this volume of the base: 300mm:700mm,-200mm:200mm,0mm:100mm (x, y, z).",
+    ),
+]  # fmt: skip
+Tolerance = Annotated[
+    str | None,
+    typer.Option(
+        "--tolerance", metavar="LENGTH", show_default=False,
+        help="Fail unless 95 % of the errors in the workspace stay below this, e.g. 1mm.",
+    ),
+]  # fmt: skip
+TargetSigma = Annotated[
+    str | None,
+    typer.Option(
+        "--target-sigma", metavar="PERCENT", show_default=False,
+        help="How well the board's size is known (1 sigma), for the workspace; 0.05% unless given.",
+    ),
+]  # fmt: skip

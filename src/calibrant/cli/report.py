@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from calibrant.cli import options as o
+from calibrant.cli import pose_options as p
 
 
 def report(
@@ -16,6 +18,9 @@ def report(
         Path | None,
         typer.Option("--out", "-o", metavar="FILE.html", help="Write the HTML report here.", show_default=False),
     ] = None,
+    workspace: p.Workspace = None,
+    tolerance: p.Tolerance = None,
+    target_sigma: p.TargetSigma = None,
     quiet: o.Quiet = False,
     force: o.Force = False,
     debug: o.Debug = False,
@@ -23,27 +28,31 @@ def report(
     """Show what a result file holds, and write its HTML report.
 
     calibrant report camera.json --out camera.html
+    calibrant report hand-eye.json --workspace 300mm:700mm,-200mm:200mm,0mm:100mm --tolerance 1mm
 
     The photos are shown where they still lie under the names they had, seen from the folder of this command.
     """
+    from calibrant.calibrate.provenance import refuse_if_failed
     from calibrant.cli import session
+    from calibrant.cli.hand_eye_run import in_workspace
     from calibrant.data.result_file import read_result
 
     outputs = session.Outputs(report=out, quiet=quiet, force=force)
     outputs.check()
     outputs.spare([result])
-    found = read_result(result)
+    found = in_workspace(read_result(result), workspace, tolerance, target_sigma)
     if not quiet:
         from rich.console import Console
 
         from calibrant.report.terminal import summary
 
         Console().print(summary(found))
-    if out is None:
-        return
+    if out is not None:
+        from calibrant.report.html import write_report
 
-    from calibrant.report.html import write_report
-
-    write_report(found, out, force=force)
-    if not quiet:
-        typer.echo(f"\nWritten: {out}")
+        write_report(found, out, force=force)
+        if not quiet:
+            typer.echo(f"\nWritten: {out}")
+    if workspace is not None:
+        # Of the checks only this one is new: a report of a refused result is a report.
+        refuse_if_failed(replace(found, checks=(found.check("workspace"),)))

@@ -8,21 +8,12 @@ from typing import Annotated
 import typer
 
 from calibrant.cli import options as o
+from calibrant.cli import pose_options as p
 
 app = typer.Typer(
     help="Find a tool's tip, by touch or by sight, or a hand camera from the gripper it sees.", no_args_is_help=True
 )
 
-Poses = Annotated[
-    list[str],
-    typer.Option("--poses", metavar="FILES", help="File of robot poses, or one file a pose.", show_default=False),
-]
-Units = Annotated[str, typer.Option("--pose-units", metavar="UNIT", help="auto, mm or m.")]
-Rotation = Annotated[
-    str, typer.Option("--pose-rotation", metavar="FORM", help="auto, quat-xyzw, rotvec, euler:ZYX …, matrix.")
-]
-Angle = Annotated[str, typer.Option("--pose-angle", metavar="UNIT", help="auto, deg or rad.")]
-Direction = Annotated[str, typer.Option("--pose-direction", metavar="NAME", help="auto, base-gripper or gripper-base.")]
 TouchDirection = Annotated[
     str,
     typer.Option(
@@ -33,15 +24,15 @@ TouchDirection = Annotated[
 
 @app.command("touch")
 def touch(
-    poses: Poses,
+    poses: p.Poses,
     robot: o.Robot = None,
     robot_link: o.RobotLink = None,
     robot_base: o.RobotBase = None,
     joint_angle: o.JointAngle = "auto",
     robot_format: o.RobotFormat = None,
-    pose_units: Units = "auto",
-    pose_rotation: Rotation = "auto",
-    pose_angle: Angle = "auto",
+    pose_units: p.Units = "auto",
+    pose_rotation: p.Rotation = "auto",
+    pose_angle: p.Angle = "auto",
     pose_direction: TouchDirection = "base-gripper",
     out: o.Out = None,
     json: o.Json = False,
@@ -67,7 +58,7 @@ def touch(
 
 @app.command("seen")
 def seen(
-    poses: Poses,
+    poses: p.Poses,
     pixels: Annotated[
         Path,
         typer.Option(
@@ -87,10 +78,10 @@ def seen(
     robot_base: o.RobotBase = None,
     joint_angle: o.JointAngle = "auto",
     robot_format: o.RobotFormat = None,
-    pose_units: Units = "auto",
-    pose_rotation: Rotation = "auto",
-    pose_angle: Angle = "auto",
-    pose_direction: Direction = "auto",
+    pose_units: p.Units = "auto",
+    pose_rotation: p.Rotation = "auto",
+    pose_angle: p.Angle = "auto",
+    pose_direction: p.Direction = "auto",
     out: o.Out = None,
     json: o.Json = False,
     quiet: o.Quiet = False,

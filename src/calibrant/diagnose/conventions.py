@@ -100,7 +100,8 @@ def decide(
     findings += _direction(chosen, ranked)
     if chosen.score > CONSISTENT:
         message = (
-            f"no reading closes the loop: the best one leaves {chosen.loop_text}, {chosen.score:.0%} of the motion "
+            "robot and camera do not fit together, however the file of poses is read (units, rotation, direction): at "
+            f"best the views differ by {chosen.loop_text} on where the target is, {chosen.score:.0%} of the motion "
             "itself; are images and poses paired rightly, is it the right target?"
         )
         findings.append(Check("no-reading-fits", "fail", message, chosen.score))

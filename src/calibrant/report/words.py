@@ -14,6 +14,10 @@ VERDICT_WORDS = {"ok": "GOOD", "warn": "USE WITH CARE", "refused": "DO NOT USE"}
 KIND_TITLES = {
     "intrinsics": "Camera calibration",
     "hand-eye": "Hand-eye calibration",
+    "rig": "Rig calibration",
+    "doctor": "What the doctor says",
+    "kinematics": "Kinematic calibration",
+    "time-offset": "Time offset between camera and robot",
     "tool": "Tool calibration",
     "dynamic": "Dynamic calibration",
     "self-visibility": "Hand camera by self-visibility",

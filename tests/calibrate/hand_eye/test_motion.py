@@ -135,7 +135,7 @@ class TestWeakMotions:
         finding = report.finding("small-rotations")
         assert finding is not None
         assert finding.status == "warn"
-        assert "nearly the same" in finding.message
+        assert "hardly turn" in finding.message
         assert report.degenerate == ()
 
     def test_few_poses_warn(self) -> None:

@@ -229,7 +229,10 @@ def _dilution_findings(
     """Determined, but how well: the noise of a pose comes out `dilution` times larger in X."""
     parallel = MotionFinding("parallel-axes", "ok", f"rotations off the main axis: {off_deg:.3g} deg rms", off_deg)
     enough = MotionFinding(
-        "small-rotations", "ok", f"the noise of a pose comes out {s.dilution:.2g} times in X", s.dilution
+        "small-rotations",
+        "ok",
+        f"an error of one pose's rotation turns the camera by {s.dilution:.2g} times as much about its worst axis",
+        s.dilution,
     )
     if s.dilution <= WARN_DILUTION:
         return parallel, enough
@@ -238,13 +241,13 @@ def _dilution_findings(
     if s.off_axis < s.total * (2 / 3) / 10:
         message = (
             f"nearly all rotation is about one axis {_axis_text(s.axis)} in the {frame} frame "
-            f"(off it {off_deg:.2g} deg rms): the camera's position along it is weak, "
-            f"noise comes out {s.dilution:.2g} times larger; {cure}"
+            f"(off it {off_deg:.2g} deg rms): the camera's position along it is poorly known, and an error of one "
+            f"pose's rotation turns the camera by {s.dilution:.2g} times as much; {cure}"
         )
         return MotionFinding("parallel-axes", "warn", message, off_deg, direction), enough
     message = (
-        f"the poses are nearly the same (rotation {off_deg:.2g} deg rms): noise in a pose comes out "
-        f"{s.dilution:.2g} times larger in the result; turn the gripper by 30 deg or more about two axes between poses"
+        f"the poses hardly turn (rotation {off_deg:.2g} deg rms): an error of one pose's rotation turns the camera by "
+        f"{s.dilution:.2g} times as much; turn the gripper by 30 deg or more about two axes between poses"
     )
     return parallel, MotionFinding("small-rotations", "warn", message, s.dilution)
 

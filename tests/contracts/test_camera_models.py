@@ -150,6 +150,20 @@ def test_project_inverts_unproject_at_every_depth(model: CameraModel, parameters
         np.testing.assert_allclose(model.project(parameters, origin + depth * ray), grid, atol=1e-9)
 
 
+def test_points_at_infinity_have_no_pixel(model: CameraModel, parameters: np.ndarray) -> None:
+    """Nor do points of NaN; and nothing warns."""
+    p = points((9,))
+    for i, value in enumerate([np.inf, -np.inf, np.nan] * 3):
+        p[i, i // 3] = value
+    assert not np.any(model.sees(parameters, p))
+    assert not np.any(model.valid(parameters, p))
+    uv, J_point, _ = model.project_with_jacobians(parameters, p)
+    assert np.all(np.isnan(uv))
+    assert np.all(np.isnan(model.project(parameters, p)))
+    assert np.all(np.isnan(J_point).any(axis=(1, 2)))
+    assert np.all(np.isnan(model.unproject(parameters, [[np.inf, 100.0], [np.nan, 100.0], [100.0, -np.inf]])))
+
+
 def test_points_that_it_does_not_see_have_no_pixel(model: CameraModel, parameters: np.ndarray) -> None:
     p = np.concatenate([everywhere(500), [[0.0, 0.0, -1.0]]])
     seen = model.sees(parameters, p)
@@ -203,6 +217,25 @@ def test_compiled_rows_equal_the_numpy_form(model: CameraModel, parameters: np.n
     np.testing.assert_allclose(parameter_rows[:, :n].T.reshape(J_parameters.shape), J_parameters, rtol=1e-11, atol=1e-9)
     for rows in (uv_rows, point_rows, parameter_rows):
         assert np.all(rows[:, n:] == 7.0)
+
+
+def test_local_rows_are_the_compiled_rows_without_their_zeros(model: CameraModel, parameters: np.ndarray) -> None:
+    found = model.local_rows()
+    if found is None:
+        return
+    rows, local = found
+    n, k = 60, len(parameters)
+    p = np.concatenate([points((n - 1,)), [[0.0, 0.0, -1.0]]])
+    unseen, (uv, J_point, J_parameters) = compiled(model, parameters, p, room=n)
+    index, J_local = np.full((n, 2, local), -1), np.full((n, 2, local), 7.0)
+    out = np.full((2, n), 7.0), np.full((6, n), 7.0)
+    assert rows(n, parameters, np.ascontiguousarray(p.T), *out, index, J_local) == unseen == 1
+    np.testing.assert_array_equal(out[0], uv)
+    np.testing.assert_array_equal(out[1], J_point)
+    assert np.all(np.diff(index[:-1], axis=-1) > 0)
+    dense = np.zeros((n, 2, k))
+    np.put_along_axis(dense, index, J_local, axis=-1)
+    np.testing.assert_array_equal(dense[:-1].transpose(1, 2, 0).reshape(2 * k, -1), J_parameters[:, :-1])
 
 
 def test_compiled_rows_count_what_they_cannot_see(model: CameraModel, parameters: np.ndarray) -> None:

@@ -187,6 +187,11 @@ class ReprojectionFactor(Factor):
         H, g, cost = np.empty((m, width, width)), np.empty((m, width)), np.empty(m)
         views, weight, offsets = self._kernel_arguments(values), self.weight / sigma, self.views.offsets
         loss = (self.loss.kind, self.loss.scale_sq)
+        local = self.model.local_rows()
+        if local is not None:
+            from calibrant.calibrate import local_kernels
+
+            kernel, views = local_kernels.normal_equations, (*local, *views[1:])
 
         def run(first: int, last: int) -> None:
             kernel(*views, weight, offsets, *loss, first, last, H, g, cost)

@@ -32,7 +32,7 @@ _f1, _f2, _f3 = types.float64[::1], types.float64[:, ::1], types.float64[:, :, :
 
 _int = types.int64
 _VIEWS = (ROWS, _c2, _i1, _c3, _c2, _c3, _c2, _c2)
-_NORMAL_EQUATIONS = types.void(*_VIEWS, _c1, _i1, _int, types.float64, _int, _int, _f3, _f2, _f1)
+NORMAL_EQUATIONS = types.void(*_VIEWS, _c1, _i1, _int, types.float64, _int, _int, _f3, _f2, _f1)
 _RESIDUALS = types.void(*_VIEWS, _i1, _int, _int, _f2)
 
 
@@ -63,7 +63,7 @@ def rows_of(model: CameraModel) -> Rows:
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy", inline="always")
-def _robust(kind, k2, s):  # type: ignore[no-untyped-def]
+def robust(kind, k2, s):  # type: ignore[no-untyped-def]
     """rho(s) and its slope; the kinds of `optimize.losses`."""
     if kind == 1:
         if s <= k2:
@@ -139,7 +139,7 @@ def _view(rows, parameters, T, theta, points, modes, uv, weight, first, n, loss,
     for i in range(n):
         w = weight[first + i]
         du, dv = predicted[0, i] - uv[0, first + i], predicted[1, i] - uv[1, first + i]
-        rho, slope = _robust(loss, scale_sq, (du * du + dv * dv) * w * w)
+        rho, slope = robust(loss, scale_sq, (du * du + dv * dv) * w * w)
         cost += 0.5 * rho
         w *= np.sqrt(slope)
         root[i] = w
@@ -171,7 +171,7 @@ def _view(rows, parameters, T, theta, points, modes, uv, weight, first, n, loss,
     return cost
 
 
-@njit(_NORMAL_EQUATIONS, cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@njit(NORMAL_EQUATIONS, cache=True, nogil=True, fastmath=FAST, error_model="numpy")
 def normal_equations(  # type: ignore[no-untyped-def]
     rows, parameters, camera, T, theta, modes, points, uv, weight, offsets, loss, scale_sq, first, last, H, g, cost
 ):

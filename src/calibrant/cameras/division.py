@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibrant.cameras.model import Array, Mask
+from calibrant.cameras.model import Array, Mask, finite_points
 from calibrant.cameras.plane_distortion import first_positive_root
 from calibrant.cameras.radial import Radial, Shape, ray
 
@@ -41,7 +41,7 @@ class Division(Radial):
         return ray(mx, my, _w(terms, s), s < _limit(terms))
 
     def sees(self, parameters: ArrayLike, p_camera: ArrayLike) -> Mask:
-        p = np.asarray(p_camera, dtype=np.float64)
+        p = finite_points(p_camera)
         terms = np.asarray(parameters, dtype=np.float64)[4:]
         R = np.hypot(p[..., 0], p[..., 1])
         limit = _limit(terms)

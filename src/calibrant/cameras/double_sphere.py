@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calibrant.cameras.extended_unified import behind
-from calibrant.cameras.model import Array, Mask
+from calibrant.cameras.model import Array, Mask, finite_points
 from calibrant.cameras.radial import Radial, Shape, ray
 
 
@@ -53,7 +53,7 @@ class DoubleSphere(Radial):
 
     def sees(self, parameters: ArrayLike, p_camera: ArrayLike) -> Mask:
         *_, xi, alpha = np.asarray(parameters, dtype=np.float64)
-        p = np.asarray(p_camera, dtype=np.float64)
+        p = finite_points(p_camera)
         w1 = behind(alpha)
         w2 = (w1 + xi) / np.sqrt(2 * w1 * xi + xi * xi + 1)
         d1 = np.linalg.norm(p, axis=-1)

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibrant.cameras.model import Array, Mask
+from calibrant.cameras.model import Array, Mask, finite_points
 from calibrant.cameras.radial import Radial, Shape, ray
 
 
@@ -48,7 +48,7 @@ class ExtendedUnified(Radial):
 
     def sees(self, parameters: ArrayLike, p_camera: ArrayLike) -> Mask:
         *_, alpha, beta = np.asarray(parameters, dtype=np.float64)
-        p = np.asarray(p_camera, dtype=np.float64)
+        p = finite_points(p_camera)
         rho = np.sqrt(beta * (p[..., 0] ** 2 + p[..., 1] ** 2) + p[..., 2] ** 2)
         return (p[..., 2] > -behind(alpha) * rho) & (rho > 0)
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calibrant.cameras import plane_distortion
-from calibrant.cameras.model import Array, CameraModel, Mask
+from calibrant.cameras.model import Array, CameraModel, Mask, finite_points
 from calibrant.cameras.perspective import inverse_depth
 
 
@@ -53,7 +53,7 @@ class InverseBrown(CameraModel):
 
     def _solve(self, a: Array, p_camera: ArrayLike) -> tuple[Array, Array, Array, Array, Array]:
         """Image coordinates x', y' of points, with X/Z, Y/Z and 1/Z; NaN where there are none."""
-        p = np.asarray(p_camera, dtype=np.float64)
+        p = finite_points(p_camera)
         iz = inverse_depth(p)
         X, Y = p[..., 0] * iz, p[..., 1] * iz
         x, y = plane_distortion.undistort(plane_distortion.padded(a[4:]), np.atleast_1d(X), np.atleast_1d(Y))

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibrant.cameras.model import Array, Mask
+from calibrant.cameras.model import Array, Mask, finite_points
 from calibrant.cameras.plane_distortion import first_positive_root
 from calibrant.cameras.radial import Radial, Shape, ray
 
@@ -55,8 +55,8 @@ class KannalaBrandt(Radial):
         return ray(s * mx, s * my, np.cos(theta), good)
 
     def sees(self, parameters: ArrayLike, p_camera: ArrayLike) -> Mask:
-        p = np.asarray(p_camera, dtype=np.float64)
-        return (p[..., 2] > 0) | (p[..., 0] != 0) | (p[..., 1] != 0)
+        p = finite_points(p_camera)
+        return (p[..., 2] > 0) | (np.abs(p[..., 0]) > 0) | (np.abs(p[..., 1]) > 0)
 
     def field_limit(self, parameters: Array) -> float:
         return _limit(parameters[4:])

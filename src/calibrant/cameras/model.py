@@ -43,7 +43,10 @@ class CameraModel(ABC):
 
     @abstractmethod
     def project(self, parameters: ArrayLike, p_camera: ArrayLike) -> Array:
-        """Pixels of points: (..., 3) metres -> (..., 2) px; NaN where the model cannot see the point (`sees`)."""
+        """Pixels of points: (..., 3) metres -> (..., 2) px; NaN where the model cannot see the point (`sees`).
+
+        Nothing behind a perspective camera is seen, and nothing at infinity: a direction is given as a point on it.
+        """
 
     @abstractmethod
     def project_with_jacobians(self, parameters: ArrayLike, p_camera: ArrayLike) -> tuple[Array, Array, Array]:
@@ -52,6 +55,10 @@ class CameraModel(ABC):
     @abstractmethod
     def rows(self) -> Any:
         """Compiled `project_with_jacobians` of one view, signature `kernels.ROWS`, for the fused normal equations."""
+
+    def local_rows(self) -> tuple[Any, int] | None:
+        """For a model with many parameters of which a point sees few: compiled `kernels.LOCAL_ROWS`, and how few."""
+        return None
 
     @abstractmethod
     def _unproject(self, parameters: Array, uv: Array) -> Array:
@@ -64,7 +71,7 @@ class CameraModel(ABC):
         (the rim of the valid field) comes back to the NumPy form.
         """
         a = np.asarray(parameters, dtype=np.float64)
-        pixels = np.asarray(uv, dtype=np.float64)
+        pixels = finite_points(uv)
         flat = np.ascontiguousarray(pixels.reshape(-1, 2))
         compiled = self.rays() if len(flat) >= COMPILED_PIXELS else None
         if compiled is None:
@@ -85,7 +92,7 @@ class CameraModel(ABC):
 
     def sees(self, parameters: ArrayLike, p_camera: ArrayLike) -> Mask:
         """Which points (..., 3) have a pixel: for a perspective camera those in front of it."""
-        return np.asarray(p_camera, dtype=np.float64)[..., 2] > 0
+        return finite_points(p_camera)[..., 2] > 0
 
     def field_limit(self, parameters: Array) -> float:
         """Radius in the model's own image plane where the map folds over itself; infinite where it never does."""
@@ -102,7 +109,7 @@ class CameraModel(ABC):
         ray. The image is not mirrored where (du/dp x dv/dp) . p > 0.
         """
         a = np.asarray(parameters, dtype=np.float64)
-        p = np.asarray(p_camera, dtype=np.float64)
+        p = finite_points(p_camera)
         seen = self.sees(a, p)
         safe = np.where(seen[..., None], p, [0.0, 0.0, 1.0])
         _, J, _ = self.project_with_jacobians(a, safe)
@@ -134,6 +141,13 @@ class CameraModel(ABC):
         if parameter not in self.parameter_names:
             raise InputError(f"the {self.name} model has no parameter {parameter!r}; it has {self.listed}")
         return self.parameter_names.index(parameter)
+
+
+def finite_points(points: ArrayLike) -> Array:
+    """Points or pixels (..., d), all NaN where a coordinate is infinite: infinity has no pixel, and no ray."""
+    p = np.asarray(points, dtype=np.float64)
+    finite = np.isfinite(p).all(axis=-1)
+    return p if finite.all() else np.where(finite[..., None], p, np.nan)
 
 
 def _unit(rays: Array) -> Array:

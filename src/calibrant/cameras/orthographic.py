@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibrant.cameras.model import Array, CameraModel, Projection
+from calibrant.cameras.model import Array, CameraModel, Projection, finite_points
 
 
 class Orthographic(CameraModel):
@@ -59,6 +59,6 @@ class Orthographic(CameraModel):
 
 
 def _seen(p_camera: ArrayLike) -> tuple[Array, Array]:
-    p = np.asarray(p_camera, dtype=np.float64)
+    p = finite_points(p_camera)
     seen = p[..., 2] > 0
     return np.where(seen, p[..., 0], np.nan), np.where(seen, p[..., 1], np.nan)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calibrant.cameras import plane_distortion
-from calibrant.cameras.model import Array, CameraModel, Mask
+from calibrant.cameras.model import Array, CameraModel, Mask, finite_points
 
 
 class Perspective(CameraModel):
@@ -17,14 +17,14 @@ class Perspective(CameraModel):
 
     def project(self, parameters: ArrayLike, p_camera: ArrayLike) -> Array:
         fx, fy, cx, cy, *_ = a = np.asarray(parameters, dtype=np.float64)
-        p = np.asarray(p_camera, dtype=np.float64)
+        p = finite_points(p_camera)
         iz = inverse_depth(p)
         d = plane_distortion.distort(plane_distortion.padded(a[4:]), p[..., 0] * iz, p[..., 1] * iz)
         return np.stack([fx * d.x + cx, fy * d.y + cy], axis=-1)
 
     def project_with_jacobians(self, parameters: ArrayLike, p_camera: ArrayLike) -> tuple[Array, Array, Array]:
         fx, fy, cx, cy, *_ = a = np.asarray(parameters, dtype=np.float64)
-        p = np.asarray(p_camera, dtype=np.float64)
+        p = finite_points(p_camera)
         iz = inverse_depth(p)
         x, y = p[..., 0] * iz, p[..., 1] * iz
         terms = plane_distortion.padded(a[4:])

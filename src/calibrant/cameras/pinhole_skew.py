@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibrant.cameras.model import Array, CameraModel
+from calibrant.cameras.model import Array, CameraModel, finite_points
 from calibrant.cameras.perspective import inverse_depth
 
 
@@ -21,14 +21,14 @@ class PinholeSkew(CameraModel):
 
     def project(self, parameters: ArrayLike, p_camera: ArrayLike) -> Array:
         fx, fy, cx, cy, skew = np.asarray(parameters, dtype=np.float64)
-        p = np.asarray(p_camera, dtype=np.float64)
+        p = finite_points(p_camera)
         iz = inverse_depth(p)
         x, y = p[..., 0] * iz, p[..., 1] * iz
         return np.stack([fx * x + skew * y + cx, fy * y + cy], axis=-1)
 
     def project_with_jacobians(self, parameters: ArrayLike, p_camera: ArrayLike) -> tuple[Array, Array, Array]:
         fx, fy, cx, cy, skew = np.asarray(parameters, dtype=np.float64)
-        p = np.asarray(p_camera, dtype=np.float64)
+        p = finite_points(p_camera)
         iz = inverse_depth(p)
         x, y = p[..., 0] * iz, p[..., 1] * iz
         zero, one = np.zeros_like(x), np.ones_like(x)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibrant.cameras.model import Array, CameraModel, Mask, Projection
+from calibrant.cameras.model import Array, CameraModel, Mask, Projection, finite_points
 
 
 class Shape(NamedTuple):
@@ -67,7 +67,7 @@ class Radial(CameraModel):
 
     def _seen(self, parameters: Array, p_camera: ArrayLike) -> tuple[Array, Array, Array, Array]:
         """x, y, R2, z, with NaN in R2 for points without a pixel, which spreads to all that follows."""
-        p = np.asarray(p_camera, dtype=np.float64)
+        p = finite_points(p_camera)
         x, y, z = p[..., 0], p[..., 1], p[..., 2]
         return x, y, np.where(self.sees(parameters, p), x * x + y * y, np.nan), z
 

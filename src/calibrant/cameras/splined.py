@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibrant.cameras.model import Array, CameraModel, Mask, Projection
+from calibrant.cameras.model import Array, CameraModel, Mask, Projection, finite_points
 from calibrant.cameras.plane_distortion import Plane, solve_plane
 from calibrant.cameras.radial import ray
 from calibrant.errors import InputError
@@ -52,14 +52,14 @@ class Splined(CameraModel):
 
     def project(self, parameters: ArrayLike, p_camera: ArrayLike) -> Array:
         fx, fy, cx, cy, *_ = a = np.asarray(parameters, dtype=np.float64)
-        p = np.asarray(p_camera, dtype=np.float64)
+        p = finite_points(p_camera)
         q = self._stereographic(a, p)
         m = self._surface(a, q[..., 0], q[..., 1])
         return np.stack([fx * m.x + cx, fy * m.y + cy], axis=-1)
 
     def project_with_jacobians(self, parameters: ArrayLike, p_camera: ArrayLike) -> tuple[Array, Array, Array]:
         fx, fy, cx, cy, *_ = a = np.asarray(parameters, dtype=np.float64)
-        p = np.asarray(p_camera, dtype=np.float64)
+        p = finite_points(p_camera)
         q = self._stereographic(a, p)
         m = self._surface(a, q[..., 0], q[..., 1])
         norm = np.linalg.norm(p, axis=-1)
@@ -130,7 +130,7 @@ class Splined(CameraModel):
         return (np.abs(x) <= reach_x) & (np.abs(y) <= reach_y)
 
     def sees(self, parameters: ArrayLike, p_camera: ArrayLike) -> Mask:
-        p = np.asarray(p_camera, dtype=np.float64)
+        p = finite_points(p_camera)
         depth = np.linalg.norm(p, axis=-1) + p[..., 2]
         reach_x, reach_y = self._reach()
         return (depth > 0) & (2 * np.abs(p[..., 0]) <= reach_x * depth) & (2 * np.abs(p[..., 1]) <= reach_y * depth)
@@ -162,6 +162,11 @@ class Splined(CameraModel):
         from calibrant.cameras.splined_rows import rows_of
 
         return rows_of(self.columns, self.rows_count, self.spacing)
+
+    def local_rows(self) -> tuple[Any, int] | None:
+        from calibrant.cameras.splined_rows import LOCAL, local_rows_of
+
+        return local_rows_of(self.columns, self.rows_count, self.spacing), LOCAL
 
 
 def _basis(t: Array) -> tuple[Array, Array]:

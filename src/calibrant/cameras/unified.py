@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calibrant.cameras import plane_distortion
-from calibrant.cameras.model import Array, CameraModel, Mask, Projection
+from calibrant.cameras.model import Array, CameraModel, Mask, Projection, finite_points
 from calibrant.cameras.radial import ray
 
 
@@ -59,7 +59,7 @@ class Unified(CameraModel):
 
     def _onto_plane(self, parameters: Array, p_camera: ArrayLike) -> tuple[Array, Array, Array]:
         """Points, 1 / (Z + xi |p|) and |p|; NaN where there is no pixel."""
-        p = np.asarray(p_camera, dtype=np.float64)
+        p = finite_points(p_camera)
         seen = self.sees(parameters, p)
         norm = np.where(seen, np.linalg.norm(p, axis=-1), np.nan)
         return p, 1 / (p[..., 2] + parameters[5] * norm), norm
@@ -77,7 +77,7 @@ class Unified(CameraModel):
 
     def sees(self, parameters: ArrayLike, p_camera: ArrayLike) -> Mask:
         xi = float(np.asarray(parameters, dtype=np.float64)[5])
-        p = np.asarray(p_camera, dtype=np.float64)
+        p = finite_points(p_camera)
         norm = np.linalg.norm(p, axis=-1)
         return (p[..., 2] > -(xi if xi <= 1 else 1 / xi) * norm) & (norm > 0)
 

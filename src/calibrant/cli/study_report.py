@@ -213,7 +213,7 @@ def _curves(swept: Swept) -> str:
     matplotlib.use("Agg")
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(6.4, 3.6), layout="constrained")
+    figure = Figure(figsize=(9.0, 4.2), layout="constrained")
     axes = figure.add_subplot()
     places = range(len(swept.sweep.values))
     styles: Mapping[str, str] = dict(zip(USES, ("-", "--", ":")))
@@ -224,7 +224,7 @@ def _curves(swept: Swept) -> str:
     axes.set_xlabel(f"{swept.sweep.title} {swept.sweep.unit}".strip())
     axes.set_ylabel("focal length error, %")
     axes.grid(alpha=0.3)
-    axes.legend(fontsize=6, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    axes.legend(fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
     drawn = io.StringIO()
     figure.savefig(drawn, format="svg")
     text = drawn.getvalue()

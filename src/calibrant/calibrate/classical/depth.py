@@ -30,6 +30,8 @@ STEPS = 50
 """From the linear start five steps settle ordinary lenses."""
 STOP = 1e-13
 """A step that moves the pixels by less than this share of their distance from the principal point is rounding."""
+GAIN = 1e-14
+"""A step that lowers the squared error by less than this share of it cannot be told from rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +137,8 @@ def _refined(start: Depth, rows: Aligned, *, distorts: bool) -> Depth:
     r, J = residuals(x, rows)
     for _ in range(STEPS):
         step = -least_squares(J, r)
-        if np.linalg.norm(J @ step) <= STOP * np.linalg.norm(rows.image):
+        moved = float(np.linalg.norm(J @ step))
+        if moved <= STOP * np.linalg.norm(rows.image) or moved**2 <= GAIN * (r @ r):
             break
         for _ in range(STEPS):
             trial, slope = residuals(x + step, rows)

@@ -160,15 +160,17 @@ def _profile(
     return profile, forward, depth
 
 
-def fitted(kind: CameraModel, rays: Array, uv: Array, *, focal: float, centre: Array) -> Array:
+def fitted(
+    kind: CameraModel, rays: Array, uv: Array, *, focal: float, centre: Array, start: Array | None = None
+) -> Array:
     """Parameters (k,) of a model whose pixels of the rays (n, 3) are nearest to uv (n, 2), by damped Gauss-Newton.
 
-    focal: pixels per radian at the axis. Rays that the model cannot see do not count, and what the rays do not
-    determine stays at the model's neutral values.
+    focal: pixels per radian at the axis; start (k,): by default the model's neutral values. Rays that the model cannot
+    see do not count, and what the rays do not determine stays where it starts.
     """
     step = max(1, len(rays) // SAMPLES)
     rays, uv = rays[::step], uv[::step]
-    values = kind.starting_values(focal, centre)
+    values = kind.starting_values(focal, centre) if start is None else start
     seen = kind.sees(values, rays)
     rays, uv = rays[seen], uv[seen]
     free = np.array([name not in kind.gauge for name in kind.parameter_names])

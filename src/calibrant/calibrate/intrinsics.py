@@ -22,6 +22,7 @@ from calibrant.calibrate.intrinsics_checks import intrinsics_checks, require_con
 from calibrant.calibrate.intrinsics_fit import CAUCHY_SCALE_SIGMAS as CAUCHY_SCALE_SIGMAS
 from calibrant.calibrate.intrinsics_fit import MINIMUM_POINTS as MINIMUM_POINTS
 from calibrant.calibrate.intrinsics_fit import Fit, Start, fit_and_clean, refine
+from calibrant.calibrate.linearity import better_of_two, linearity_check
 from calibrant.calibrate.model_checks import model_check, refuse_wide_lens
 from calibrant.calibrate.outliers import Marked, points_reason, view_reason
 from calibrant.calibrate.planar_start import PlaneViews
@@ -111,13 +112,19 @@ def calibrate_keeping(
     try:
         start = find_start(stacked, seen, kind, image_size, initial=initial, fix=fix)
         fit, marked = fit_and_clean(views, stacked, start, kind, fix, max_error_px)
+        fit = better_of_two(fit, kind, fix)
     except CalibrantError:
         refuse_wide_lens(kind, stacked, image_size)
         raise
     figures: dict[str, object] | None = None
     if target_shape != FLAT:
         shaped = shape_of(target_shape)(Flat(fit.solution, fit.views, fit.stacked, kind))
-        fit = Fit(shaped.solution, fit.views, fit.stacked, shaped.T_camera_target, shaped.gauge_equations)
+        fit = replace(
+            fit,
+            solution=shaped.solution,
+            T_camera_target=shaped.T_camera_target,
+            gauge_equations=shaped.gauge_equations,
+        )
         figures = shaped.figures
     result = _result(observations, camera_name, image_size, kind, fix, fit, marked, too_small, max_error_px, initial)
     if figures is not None:
@@ -160,6 +167,9 @@ def find_start(
         return Start(*spatial_start.start_parameters(views, kind, image_size, initial=initial))
     if initial is not None:
         parameters = camera_start.transferred(initial, kind, views.uv)
+        if kind.projection == "parallel":  # whose rays meet nowhere and make no homography
+            _, T = camera_start.parallel_start(seen.xy, views.uv, views.offsets, image_size)
+            return Start(parameters, T @ seen.T_plane_target)
         T, _ = camera_start.poses_of_rays(seen.xy, camera_start.rays_of(kind, parameters, views.uv), views.offsets)
         return Start(parameters, T @ seen.T_plane_target)
     _refuse_unknown_focal_length(kind, fix)
@@ -249,6 +259,8 @@ def _result(
     view_results = _view_results(observations.views, fit, marked, too_small, squares)
     checks = (
         *intrinsics_checks(camera, solution, view_results, rms_px, marked),
+        linearity_check(camera, fit.stacked, solution.value("T_camera_target"), sigma_px),
+        *fit.checks,
         *model_check(camera, fit.stacked, rms_px),
     )
     result = stamp(

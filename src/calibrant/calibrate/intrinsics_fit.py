@@ -15,7 +15,7 @@ from calibrant.calibrate.outliers import Marked, mark
 from calibrant.calibrate.reprojection import ReprojectionFactor, StackedViews, stack
 from calibrant.calibrate.weights import reweighted
 from calibrant.cameras import CameraModel
-from calibrant.data import View
+from calibrant.data import Check, View
 from calibrant.errors import RefusedError
 from calibrant.optimize.levenberg_marquardt import solve
 from calibrant.optimize.losses import Loss, cauchy, squared
@@ -43,7 +43,7 @@ class Fit:
     """A fit and what it used: the solution, its views, and for each of them the points that were kept.
 
     T_camera_target: poses when they are not the solution's own (the target's shape was aligned to its nominal one);
-    gauge_equations: equations that hold a gauge and are no data.
+    gauge_equations: equations that hold a gauge and are no data; checks: what was found on the way.
     """
 
     solution: Solution
@@ -51,6 +51,7 @@ class Fit:
     stacked: StackedViews
     T_camera_target: Array | None = None
     gauge_equations: int = 0
+    checks: tuple[Check, ...] = ()
 
 
 def refine(

@@ -14,8 +14,8 @@ from calibrant.errors import RefusedError
 
 Array = NDArray[np.float64]
 
-SUSPICIOUS_RMS_PX = 2.0
-"""Detectors locate points to well under 1 px; a fit above this is at a wrong optimum or has a wrong model."""
+SUSPICIOUS_RMS_PX = 0.5
+"""Detectors locate points to a few tenths of a pixel; a fit above this is at a wrong optimum or has a wrong model."""
 PERSPECTIVE_REACH_DEG = 75.0
 """From the axis; beyond it a perspective image is four times as large as a fisheye's, and no lens is built so."""
 WIDE_MODELS = "kannala_brandt, unified, extended_unified, double_sphere"

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 LEAST_OVER_ROUNDING = 10.0
-"""An eigenvalue less than ten times what rounding may make of it says nothing: its sigma would be off by 5 % and more."""
+"""An eigenvalue less than ten times what rounding may make of it says nothing: its sigma would be off by over 5 %."""
 CLEAR_PIVOT = 1e-8
 """Cholesky pivots of the scaled matrix overestimate its smallest eigenvalue, by little in practice."""
 CLEAR_OF_ROUNDING = 1e5

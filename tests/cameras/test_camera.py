@@ -54,3 +54,11 @@ def test_unusable_cameras_are_refused(
 def test_a_covariance_of_the_wrong_size_is_refused() -> None:
     with pytest.raises(InputError, match=r"\(4, 4\), got \(3, 3\)"):
         Camera.create("pinhole", PIXELS, image_size=SIZE, covariance=np.eye(3))
+
+
+def test_points_and_pixels_of_a_wrong_shape_are_named() -> None:
+    camera = Camera.create("pinhole", PIXELS, image_size=SIZE)
+    with pytest.raises(InputError, match=r"points are rows of x, y, z: expected .* \(\.\.\., 3\), got \(5, 2\)"):
+        camera.project(np.zeros((5, 2)))
+    with pytest.raises(InputError, match=r"pixels are rows of u, v: expected .* \(\.\.\., 2\), got \(\)"):
+        camera.unproject(1.0)

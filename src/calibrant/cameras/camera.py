@@ -97,9 +97,22 @@ class Camera:
         return np.array([[p["fx"], p.get("skew", 0.0), p["cx"]], [0, p["fy"], p["cy"]], [0, 0, 1]])
 
     def project(self, p_camera: ArrayLike) -> Array:
-        """Pixels of points in the camera frame: (..., 3) metres -> (..., 2); NaN for points the camera cannot see."""
-        return self.model.project(self.values, p_camera)
+        """Pixels of points in the camera frame: (..., 3) metres -> (..., 2); NaN for points the camera cannot see.
+
+        Raises: InputError for points that are not rows of x, y, z.
+        """
+        return self.model.project(self.values, _rows_of(p_camera, 3, "points are rows of x, y, z"))
 
     def unproject(self, uv: ArrayLike) -> Array:
-        """Unit rays of pixels: (..., 2) -> (..., 3) in the camera frame; NaN outside the model's valid field."""
-        return self.model.unproject(self.values, uv)
+        """Unit rays of pixels: (..., 2) -> (..., 3) in the camera frame; NaN outside the model's valid field.
+
+        Raises: InputError for pixels that are not rows of u, v.
+        """
+        return self.model.unproject(self.values, _rows_of(uv, 2, "pixels are rows of u, v"))
+
+
+def _rows_of(values: ArrayLike, size: int, words: str) -> Array:
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim == 0 or array.shape[-1] != size:
+        raise InputError(f"{words}: expected an array of shape (..., {size}), got {array.shape}")
+    return array

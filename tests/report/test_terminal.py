@@ -6,9 +6,11 @@ import io
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from rich.console import Console
 
+from calibrant.cameras import Camera, camera_model
 from calibrant.data import CalibrationResult, ViewResult
 from calibrant.report.terminal import summary
 
@@ -79,3 +81,16 @@ def test_many_views_show_only_those_worth_a_look(intrinsics_result: CalibrationR
 
 def test_a_result_with_nothing_but_a_verdict() -> None:
     assert "Verdict: DO NOT USE" in _printed(CalibrationResult("intrinsics", "refused"))
+
+
+def test_a_surface_of_control_points_is_summed_up(intrinsics_result: CalibrationResult) -> None:
+    kind = camera_model("splined:16x12:120deg")
+    values = kind.starting_values(700.0, np.array([640.0, 512.0]))
+    variance = np.full(len(values), 0.002**2)
+    variance[:4], variance[-1] = 0.0, 0.05**2
+    camera = Camera(kind, (1280, 1024), values, np.diag(variance))
+    text = _printed(replace(intrinsics_result, cameras={"camera": camera}))
+    assert "and 384 more, x0_0 to y11_15, in the result file" in " ".join(text.split())
+    assert "their 1σ is 0.0020 (median) to 0.050 (worst)" in " ".join(text.split())
+    assert "x5_5" not in text
+    assert any(line.split()[:2] == ["fx", "700.00"] for line in text.splitlines())

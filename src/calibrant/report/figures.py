@@ -8,14 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.cameras import Camera
+from calibrant.cameras.model import REQUIRED
 from calibrant.data import DEFAULT_CAMERA, CalibrationResult, MethodResult, TransformEstimate
 from calibrant.geometry import se3, so3
-from calibrant.report.numbers import Figure, plain, with_sigma
+from calibrant.report.numbers import Figure, plain, sigma_text, with_sigma
 
 Array = NDArray[np.float64]
 
 JOINT = "joint"
 """Name of the weighted joint refinement among the methods."""
+MOST_LISTED = 24
+"""Parameters in a list that is still read; the largest model of named terms has 18."""
 _GIMBAL_COSINE = 1e-6
 """Below this cosine of the pitch, yaw and roll turn about the same axis and have no uncertainty of their own."""
 
@@ -46,6 +49,21 @@ def camera_figures(camera: Camera) -> list[Figure]:
     sigma = camera.sigma
     names, units = camera.model.parameter_names, camera.model.parameter_units
     return [Figure(n, camera.parameters[n], sigma.get(n), unit) for n, unit in zip(names, units, strict=True)]
+
+
+def listed_figures(camera: Camera) -> tuple[list[Figure], str]:
+    """The parameters that a person reads one by one, and a sentence on the others: a splined model has hundreds."""
+    figures = camera_figures(camera)
+    if len(figures) <= MOST_LISTED:
+        return figures, ""
+    shown, others = figures[: len(REQUIRED)], figures[len(REQUIRED) :]
+    text = f"and {len(others)} more, {others[0].name} to {others[-1].name}, in the result file"
+    sigma = np.array([f.sigma for f in others if f.sigma], dtype=np.float64)
+    if len(sigma):
+        text += (
+            f"; their 1σ is {sigma_text(float(np.median(sigma)))} (median) to {sigma_text(float(sigma.max()))} (worst)"
+        )
+    return shown, text
 
 
 def translation_figures(estimate: TransformEstimate) -> list[Figure]:

@@ -21,6 +21,7 @@ from calibrant.report.figures import (
     JOINT,
     Fact,
     camera_figures,
+    listed_figures,
     method_rows,
     noise_facts,
     quaternion_figures,
@@ -152,7 +153,9 @@ def _transform_facts(estimate: TransformEstimate) -> list[Fact]:
 def _camera_block(name: str, camera: Camera) -> dict[str, Any]:
     width, height = camera.image_size
     label = "Camera" if name == DEFAULT_CAMERA else f"Camera {name}"
-    return {"heading": label, "note": f"{camera.model.name}, {width} × {height} px", "figures": camera_figures(camera)}
+    figures, others = listed_figures(camera)
+    note = f"{camera.model.name}, {width} × {height} px" + (f"; {others}" if others else "")
+    return {"heading": label, "note": note, "figures": figures}
 
 
 def _transform_block(estimate: TransformEstimate) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from calibrant.cameras import Camera
 from calibrant.data import DEFAULT_CAMERA, CalibrationResult, TransformEstimate
 from calibrant.report.figures import (
     Fact,
-    camera_figures,
+    listed_figures,
     method_rows,
     noise_facts,
     quaternion_figures,
@@ -84,11 +84,13 @@ def _camera_table(name: str, camera: Camera) -> RenderableType:
     table.add_column("± 1σ", justify="right", no_wrap=True)
     table.add_column("± 3σ", justify="right", no_wrap=True)
     table.add_column("unit")
-    for figure in camera_figures(camera):
+    figures, others = listed_figures(camera)
+    for figure in figures:
         unit = "" if figure.unit == "1" else figure.unit
         three = "" if figure.fixed else figure.sigma_text(3)
         table.add_row(figure.name, figure.value_text, figure.sigma_text(), three, unit)
-    return _headed(f"Camera{label}: {camera.model.name}, {width} × {height} px", table)
+    more = [Text(others, style="dim")] if others else []
+    return _headed(f"Camera{label}: {camera.model.name}, {width} × {height} px", table, *more)
 
 
 def _transform_table(estimate: TransformEstimate) -> RenderableType:

@@ -146,7 +146,7 @@ class CameraModel(ABC):
 def finite_points(points: ArrayLike) -> Array:
     """Points or pixels (..., d), all NaN where a coordinate is infinite: infinity has no pixel, and no ray."""
     p = np.asarray(points, dtype=np.float64)
-    finite = np.isfinite(p).all(axis=-1)
+    finite: Mask = np.asarray(np.isfinite(p).all(axis=-1))
     return p if finite.all() else np.where(finite[..., None], p, np.nan)
 
 

@@ -29,7 +29,8 @@ def largest_rectangle(mask: Mask) -> Rectangle:
     """
     cell = max(1, -(-max(mask.shape) // _CELLS))
     h, w = (n // cell * cell for n in mask.shape)
-    coarse = mask[:h, :w].reshape(h // cell, cell, w // cell, cell).all(axis=(1, 3))
+    cells = mask[:h, :w].reshape(h // cell, cell, w // cell, cell)
+    coarse: Mask = np.asarray(cells.all(axis=(1, 3)))
     top, left, bottom, right = (cell * edge for edge in _largest_in_cells(coarse))
     if bottom <= top or right <= left:
         return Rectangle(0, 0, 0, 0)

@@ -109,7 +109,7 @@ def undistortion(source: Camera, output: Camera) -> Undistortion:
 def source_pixels(source: Camera, output: Camera, uv: Array) -> Array:
     """Pixels (..., 2) of `source` that see what the pixels (..., 2) of `output` see; NaN where none does."""
     rays = output.unproject(uv)
-    known = np.isfinite(rays).all(axis=-1)
+    known: Mask = np.asarray(np.isfinite(rays).all(axis=-1))
     p = np.where(known[..., None], rays, [0.0, 0.0, 1.0])
     # Beyond the fold of a polynomial the same picture comes again, mirrored.
     known &= source.model.sees(source.values, p) & source.model.inside(source.values, p)

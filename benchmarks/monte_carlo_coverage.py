@@ -14,12 +14,14 @@ together (k1 ... k4 of a fisheye) are covered together, and their mean is known 
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import time
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_context
 
 import numpy as np
 from numpy.typing import NDArray
@@ -255,7 +257,9 @@ def main() -> None:
         "| model | calibrations | mean | lowest | highest | chi²/n | ms each | refused | passes |\n|---|" + "---|" * 8
     )
     verdicts = []
-    with ProcessPoolExecutor(options.workers) as pool:
+    # Workers that are started afresh read it: a process a core, not a process and a thread of BLAS a core.
+    os.environ.update({"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"})
+    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
         for name in names:
             sizes = [min(CHUNK, options.trials - a) for a in range(0, options.trials, CHUNK)]
             answers = list(pool.map(run, [(name, chunk, size) for chunk, size in enumerate(sizes)]))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibrant.calibrate.camera_options import ASPECT, GROUPS, expand_fix
 from calibrant.calibrate.outliers import Marked
@@ -104,17 +103,17 @@ def _focal_uncertainty(camera: Camera) -> float:
     """Relative 1 sigma of the focal length at the axis, f = du / d(x/z), larger one of both image axes.
 
     It is fx itself for perspective models. Others share it between fx and their terms, which may trade against each
-    other freely: sigma^2 = g^T C g with g = df / d parameters by central differences.
+    other freely: sigma^2 = g^T C g with g = df / d parameters = d(d pixel / d parameters) / d(x/z), by central
+    differences along x and y: two points each, however many parameters.
     """
     if camera.model.projection == "perspective" or camera.covariance is None:
         return max(camera.sigma[n] / camera.parameters[n] for n in ("fx", "fy"))
-    axis, steps = [0.0, 0.0, 1.0], 1e-6 * np.maximum(1.0, np.abs(camera.values))
-
-    def focal(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.diagonal(camera.model.project_with_jacobians(values, axis)[1][:, :2])
-
-    g = np.stack([focal(camera.values + e) - focal(camera.values - e) for e in np.diag(steps)], axis=1) / (2 * steps)
-    return float(np.max(np.sqrt(np.einsum("ik,kl,il->i", g, camera.covariance, g)) / focal(camera.values)))
+    step = 1e-5  # the error of the difference is h^2 = 1e-10 and eps / h = 2e-11, relative
+    points = np.array([[step, 0, 1], [-step, 0, 1], [0, step, 1], [0, -step, 1]])
+    J = camera.model.project_with_jacobians(camera.values, points)[2]
+    g = np.stack([J[0, 0] - J[1, 0], J[2, 1] - J[3, 1]]) / (2 * step)
+    focal = np.diagonal(camera.model.project_with_jacobians(camera.values, [0.0, 0.0, 1.0])[1][:, :2])
+    return float(np.max(np.sqrt(np.einsum("ik,kl,il->i", g, camera.covariance, g)) / focal))
 
 
 def _outliers(views: Sequence[ViewResult], marked: Marked) -> Check:

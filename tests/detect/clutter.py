@@ -67,7 +67,8 @@ def _windows(rng: np.random.Generator) -> NDArray[np.float64]:
 def _keyboard(rng: np.random.Generator) -> NDArray[np.float64]:
     """Rows of keys, shifted from row to row, with letters; light or dark."""
     light = rng.random() < 0.5
-    image = np.full((400, 700), 60.0 if light else 200.0)
+    # Text is drawn on 8 bits alone by OpenCV 5.
+    image = np.full((400, 700), 60 if light else 200, np.uint8)
     key = int(rng.integers(34, 50))
     for row in range(400 // key):
         x = int(rng.integers(0, key))
@@ -78,7 +79,7 @@ def _keyboard(rng: np.random.Generator) -> NDArray[np.float64]:
             letter = chr(int(rng.integers(65, 91)))
             cv2.putText(image, letter, (x + 9, row * key + key - 12), 0, 0.6, 50.0 if light else 220.0, 2)
             x += wide
-    return image
+    return image.astype(np.float64)
 
 
 def _spots(rng: np.random.Generator) -> NDArray[np.float64]:
@@ -97,10 +98,10 @@ def _spots(rng: np.random.Generator) -> NDArray[np.float64]:
 
 def _text(rng: np.random.Generator) -> NDArray[np.float64]:
     """A printed page with black boxes."""
-    image = np.full((700, 800), 230.0)
+    image = np.full((700, 800), 230, np.uint8)
     for y in range(30, 700, 26):
         words = "".join(chr(c) for c in rng.choice([*range(97, 123), 32, 32, 79, 48], 60))
         cv2.putText(image, words, (20, y), int(rng.integers(0, 4)), 0.6, 30.0, 1 + int(rng.random() < 0.3), cv2.LINE_AA)
     for x, y, w, h in rng.integers((0, 0, 20, 20), (700, 600, 120, 120), (6, 4)):
         cv2.rectangle(image, (int(x), int(y)), (int(x + w), int(y + h)), 20.0, -1)
-    return image
+    return image.astype(np.float64)

@@ -173,8 +173,9 @@ def _footprint_means(texture: Texture, centre: Array, du: Array, dv: Array) -> N
 
 def _look_up(picture: NDArray, at: NDArray[np.float32], interpolation: int) -> NDArray:
     """Values of a picture at texel coordinates (h, w, 2), 0 outside: (h, w) or (h, w, channels)."""
-    no_second_map = np.empty(0, dtype=np.float32)
-    return np.asarray(cv2.remap(picture, at, no_second_map, interpolation, borderMode=cv2.BORDER_CONSTANT))
+    # Two maps: given one of two channels, OpenCV 5.0.0 looks up the nearest pixel at other places than asked for.
+    u, v = np.ascontiguousarray(at[..., 0]), np.ascontiguousarray(at[..., 1])
+    return np.asarray(cv2.remap(picture, u, v, interpolation, borderMode=cv2.BORDER_CONSTANT))
 
 
 @lru_cache(maxsize=1)

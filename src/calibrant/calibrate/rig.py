@@ -48,6 +48,16 @@ class Pair:
 
 
 @dataclass(frozen=True, eq=False)
+class RigFit:
+    """Every camera calibrated alone, the start that gave, and the joint fit with its noise levels."""
+
+    reference: str
+    alone: Mapping[str, Kept]
+    start: RigStart
+    estimate: NoiseEstimate
+
+
+@dataclass(frozen=True, eq=False)
 class RigStart:
     """T_camera_rig of every camera, T_rig_target (m, 4, 4) of every moment, and the pairs that led there."""
 
@@ -66,6 +76,16 @@ def calibrate_rig(
     other camera (parent: reference, child: camera) with their covariance.
     Raises: InputError for unusable input; RefusedError when cameras share no moments or cannot be determined.
     """
+    fit = fit_rig(observations, model=model, fix=fix, reference=reference)
+    result = stamp(_result(observations, fit, model, fix))
+    refuse_if_failed(result)
+    return result
+
+
+def fit_rig(
+    observations: Observations, *, model: str = "brown", fix: Sequence[str] = (), reference: str | None = None
+) -> RigFit:
+    """The fit behind `calibrate_rig`; arguments and errors as there."""
     names = tuple(observations.image_sizes)
     if len(names) < 2:
         raise InputError(f"a rig has two cameras or more, the observations have {len(names)}: {', '.join(names)}")
@@ -79,9 +99,7 @@ def calibrate_rig(
         sigmas={_group(n): max(k.result.sigma_px or 0.0, SIGMA_FLOOR_PX) for n, k in alone.items()},
         floors={_group(n): SIGMA_FLOOR_PX for n in names},
     )
-    result = stamp(_result(observations, alone, start, estimate, chosen, model, fix))
-    refuse_if_failed(result)
-    return result
+    return RigFit(chosen, alone, start, estimate)
 
 
 def _group(camera: str) -> str:
@@ -170,15 +188,8 @@ def _problem(alone: Mapping[str, Kept], start: RigStart, reference: str, fix: Se
     return Problem(tuple(variables), tuple(factors))
 
 
-def _result(
-    observations: Observations,
-    alone: Mapping[str, Kept],
-    start: RigStart,
-    estimate: NoiseEstimate,
-    reference: str,
-    model: str,
-    fix: Sequence[str],
-) -> CalibrationResult:
+def _result(observations: Observations, fit: RigFit, model: str, fix: Sequence[str]) -> CalibrationResult:
+    alone, start, estimate, reference = fit.alone, fit.start, fit.estimate, fit.reference
     solution = estimate.solution
     if solution.unobservable:
         raise RefusedError("the rig is not determined: " + "; ".join(u.message for u in solution.unobservable[:3]))

@@ -146,8 +146,10 @@ class CameraModel(ABC):
 def finite_points(points: ArrayLike) -> Array:
     """Points or pixels (..., d), all NaN where a coordinate is infinite: infinity has no pixel, and no ray."""
     p = np.asarray(points, dtype=np.float64)
-    finite: Mask = np.asarray(np.isfinite(p).all(axis=-1))
-    return p if finite.all() else np.where(finite[..., None], p, np.nan)
+    finite = np.isfinite(p)
+    if finite.all():  # a look at all numbers at once takes a tenth of one row by row
+        return p
+    return np.where(np.all(finite, axis=-1, keepdims=True), p, np.nan)
 
 
 def _unit(rays: Array) -> Array:

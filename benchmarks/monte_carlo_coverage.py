@@ -77,21 +77,24 @@ def rational_lens(model: str) -> Scene:
     return in_front(lens(model, fx=594.0, fy=597.0, **rational))
 
 
-def all_around(camera: Camera) -> Scene:
-    """Boards all over the field of a fisheye of 180 degrees: the shape of its field shows far from the axis alone."""
-    points = grid(11, 8, 0.03)
+def all_around(camera: Camera, *, views: int = VIEWS, margin: float = 100.0, points: Array | None = None) -> Scene:
+    """Boards all over the field of a fisheye of 180 degrees: the shape of its field shows far from the axis alone.
+
+    margin: pixels from the image's edge to where a board's middle may be; points outside the image are not seen.
+    """
+    points = grid(11, 8, 0.03) if points is None else points
     rng = np.random.default_rng(7)
-    uv = rng.uniform((100, 100), np.array(IMAGE_SIZE) - 100, (VIEWS, 2))
+    uv = rng.uniform((margin, margin), np.array(IMAGE_SIZE) - margin, (views, 2))
     ray = camera.unproject(uv)
     side = np.cross([0.0, 0.0, 1.0], ray)
     side /= np.linalg.norm(side, axis=1, keepdims=True)
     to_ray = so3.exp(side * np.arccos(ray[:, 2:]))
-    direction = rng.uniform(0, 2 * np.pi, VIEWS)
-    tilt = np.deg2rad(45) * np.sqrt(rng.uniform(0, 1, VIEWS))
+    direction = rng.uniform(0, 2 * np.pi, views)
+    tilt = np.deg2rad(45) * np.sqrt(rng.uniform(0, 1, views))
     lean = so3.exp(tilt[:, None] * np.column_stack([np.cos(direction), np.sin(direction), 0 * direction]))
-    R = to_ray @ lean @ so3.exp(rng.uniform(-np.pi, np.pi, (VIEWS, 1)) * [0, 0, 1])
+    R = to_ray @ lean @ so3.exp(rng.uniform(-np.pi, np.pi, (views, 1)) * [0, 0, 1])
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    return Scene(camera, points, se3.make(R, ray * rng.uniform(0.2, 0.5, (VIEWS, 1)) - R @ middle))
+    return Scene(camera, points, se3.make(R, ray * rng.uniform(0.2, 0.5, (views, 1)) - R @ middle))
 
 
 def telecentric(model: str) -> Scene:
@@ -108,15 +111,18 @@ def telecentric(model: str) -> Scene:
 
 
 def smooth_surface(model: str) -> Scene:
-    """A barrel-shaped lens with decentring as a surface of control points, and a board that covers all of it."""
+    """A barrel-shaped lens with decentring as a surface of control points, seen by 40 boards out to its corners.
+
+    Where few points are seen the prior of a smooth surface decides, and intervals are wider than the errors.
+    """
     kind = camera_model(model)
     columns, rows = (int(n) for n in model.split(":")[1].split("x"))
     y, x = np.meshgrid(np.linspace(-1, 1, rows) * rows / columns, np.linspace(-1, 1, columns), indexing="ij")
     s = x * x + y * y
     surface = {"x": -0.06 * x * s + 0.004 * (s + 2 * x * x), "y": -0.06 * y * s + 0.006 * x * y}
     terms = {f"{a}{j}_{i}": float(v[j, i]) for a, v in surface.items() for j in range(rows) for i in range(columns)}
-    scene = in_front(lens(kind.name, fx=700.0, fy=703.0, cx=640.0, cy=512.0, **terms))
-    return Scene(scene.camera, grid(17, 12, 0.02), scene.T_camera_target)
+    camera = lens(kind.name, fx=700.0, fy=703.0, cx=640.0, cy=512.0, **terms)
+    return all_around(camera, views=40, margin=10.0, points=grid(17, 12, 0.02))
 
 
 SCENES: dict[str, Callable[[str], Scene]] = {

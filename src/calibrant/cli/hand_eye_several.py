@@ -213,17 +213,16 @@ def _read(request: SeveralRequest, camera: str, robot: str, images: tuple[str, .
     label = alone.target or "target"
     words = camera if len(request.poses) == 1 else f"{camera} at {name}"
     if alone.setup == STANDING:
-        seen, known, files = _standing(alone)
-        return _List(Pictures(camera, STANDING, seen, name, _target_name(request, label)), {}, (), files, known)
+        still, lens, files = _standing(alone)
+        return _List(Pictures(camera, STANDING, still, name, _target_name(request, label)), {}, (), files, lens)
     data = hand_eye_data.read(alone)
     with session.status(f"Examining the data of {words} …", quiet=alone.quiet):
         diagnosis = hand_eye_data.diagnose(data, alone)
     require_sound(diagnosis)
-    moments = _moments(data)
-    seen = replace(
-        data.observations,  # type: ignore[type-var]
-        views=tuple(replace(v, moment=moments[v.id]) for v in data.observations.views),  # type: ignore[union-attr]
-    )
+    observations, moments = data.observations, _moments(data)
+    if observations is None:
+        raise InputError(f"--images {camera}=…: no photos were read")
+    seen = replace(observations, views=tuple(replace(v, moment=moments[v.id]) for v in observations.views))
     decision = diagnosis.poses.decision
     checks = (
         Check(f"pose-reading-{camera}", "ok", f"{words}: {decision.message}", decision.confidence),

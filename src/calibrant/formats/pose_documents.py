@@ -99,7 +99,8 @@ def _entries(data: Any, source: str) -> tuple[list[Any], tuple[str, ...] | None,
         if data and (not any(isinstance(v, Mapping | list) for v in data) or _is_matrix(data)):
             return [data], None, NOTHING_STATED
         return data, None, NOTHING_STATED
-    raise InputError(f"{source}: {type(data).__name__}, expected a list of poses")
+    found = {bool: "true or false", int: "a number", float: "a number", str: "text", type(None): "nothing (null)"}
+    raise InputError(f"{source}: holds {found.get(type(data), type(data).__name__)}, expected a list of poses")
 
 
 def _looks_like_pose(value: Any) -> bool:

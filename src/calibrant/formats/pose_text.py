@@ -56,7 +56,7 @@ def _without_header(lines: Sequence[Line], places: tuple[str, ...], source: str)
     if named is None:
         raise InputError(
             f"{places[0]}: {len(rows[0])} numbers and no header; expected 6 or 7 (position and rotation), 12 or 16 "
-            "(matrix); add a header such as image,x,y,z,qx,qy,qz,qw"
+            "(matrix); add a header such as image,x,y,z,qx,qy,qz,qw, or say whose text it is: --robot-format ur, kuka …"
         )
     header, stated = named
     notes: tuple[str, ...] = ()

@@ -7,7 +7,8 @@ minimum approximated by Laplace's,
     P_2 / P_1 = (|C_2| / |C_1|)^(1/2) exp(-(S_2 - S_1) / (2 sigma^2))               for a noise that is given
               = (|C_2| / |C_1|)^(1/2) (1 + (S_2 - S_1) / (nu sigma^2))^(-nu / 2)    for one estimated, nu spare values
 
-(the second under Jeffreys' prior). The covariance of a pose holds the noise of the pixels and the camera's own uncertainty, both by first order:
+(the second under Jeffreys' prior). The covariance of a pose holds the noise of the pixels and the camera's own
+uncertainty, both by first order:
 
     C = sigma^2 H^-1 + D C_camera D^T,    H = sum J^T W J,    D = dT / d theta = -H^-1 sum J^T W J_theta.
 """

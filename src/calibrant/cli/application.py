@@ -28,6 +28,7 @@ from calibrant.cli import (
     time_offset,
     tool,
     undistort,
+    vanishing,
 )
 from calibrant.errors import CalibrantError
 
@@ -51,6 +52,7 @@ app.command("kinematics", short_help="Identify and correct a robot's geometry.")
 app.command("next-pose", short_help="Say which poses to take next, or from the start.")(next_pose.next_pose)
 app.command("time-offset", short_help="Find the offset between camera's and robot's clocks.")(time_offset.time_offset)
 app.command("dynamic", short_help="Locate a camera beside the robot through the wrist camera.")(dynamic.dynamic)
+app.command("vanishing", short_help="Find how a camera is turned, from a scene's edges.")(vanishing.vanishing)
 app.add_typer(tool.app, name="tool", short_help="Find a tool's tip, by touch or by sight.")
 app.command("undistort", short_help="Undistort photos.")(undistort.undistort)
 app.add_typer(study.app, name="study", short_help="Compare methods, and see when each fails.")

@@ -1,0 +1,88 @@
+"""Are the scene's directions orthogonal? Each is found from its own edges alone, and the angles are compared with 90.
+
+With M_k = sum n_i n_i^T / sigma_i^2 over the edges of direction k, d_k is the eigenvector of the least eigenvalue and
+its covariance pinv(M_k) across d_k.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.calibrate.vanishing.circles import Circles
+from calibrant.calibrate.vanishing.fit import Fit
+from calibrant.calibrate.vanishing.search import scaled_normals, whitened
+from calibrant.cameras import Camera
+
+Array = NDArray[np.float64]
+
+FEWEST_EDGES = 3
+"""Two edges give a direction whatever they are; a third one has a say."""
+
+
+@dataclass(frozen=True)
+class RightAngle:
+    """How far two directions a and b (0, 1, 2 for x, y, z) are from being at right angles, degrees, with its sigma."""
+
+    a: int
+    b: int
+    off_deg: float
+    sigma_deg: float
+
+    def renamed(self, place: dict[int, int]) -> RightAngle:
+        """The same with other names for the directions."""
+        a, b = sorted((place[self.a], place[self.b]))
+        return replace(self, a=a, b=b)
+
+
+def right_angles(
+    fit: Fit, circles: Circles, refit: Callable[[Array], Circles] | None, camera: Camera
+) -> tuple[RightAngle, ...]:
+    """The angles between directions with edges enough.
+
+    Args: refit, circles of other camera parameters, where the camera's uncertainty counts. With an unknown focal length
+    two directions are orthogonal by its choice: their angle is then left out.
+    """
+    known = [k for k in range(3) if np.sum(fit.member == k) >= FEWEST_EDGES]
+    pairs = [(a, b) for a in known for b in known if a < b]
+    if fit.solution.problem.variables[1].free_dim and len(known) < 3:
+        return ()
+    variance_of_camera = np.zeros(len(pairs))
+    if refit is not None and camera.covariance is not None:
+        steps = np.sqrt(np.diag(camera.covariance))
+        slope = np.zeros((len(pairs), len(steps)))
+        for j in np.flatnonzero(steps > 0):
+            e = steps[j] * np.eye(len(steps))[j]
+            high, low = (_angles(fit, refit(camera.values + k * e), pairs)[0] for k in (1, -1))
+            slope[:, j] = (high - low) / (2 * steps[j])
+        variance_of_camera = np.einsum("pi,ij,pj->p", slope, camera.covariance, slope)
+    off, variance = _angles(fit, circles, pairs)
+    sigma = np.sqrt(variance + variance_of_camera)
+    return tuple(
+        RightAngle(a, b, float(np.rad2deg(o)), float(np.rad2deg(s))) for (a, b), o, s in zip(pairs, off, sigma)
+    )
+
+
+def _angles(fit: Fit, circles: Circles, pairs: list[tuple[int, int]]) -> tuple[Array, Array]:
+    """Angle less 90 degrees of each pair, and its variance: two (p,), radians."""
+    found = {k: _direction(fit, circles, k) for k in {k for pair in pairs for k in pair}}
+    off, variance = np.zeros(len(pairs)), np.zeros(len(pairs))
+    for i, (a, b) in enumerate(pairs):
+        (da, Ca), (db, Cb) = found[a], found[b]
+        off[i] = -np.arcsin(np.clip(da @ db, -1, 1))
+        variance[i] = db @ Ca @ db + da @ Cb @ da
+    return off, variance
+
+
+def _direction(fit: Fit, circles: Circles, k: int) -> tuple[Array, Array]:
+    """A direction (3,) from its own edges, its sign that of the fit, and its covariance (3, 3)."""
+    mine = fit.member == k
+    d = fit.R_camera_scene[:, k]
+    _, unit = whitened(circles.only(mine), d, fit.focal)
+    n = scaled_normals(circles.only(mine), fit.focal) / (unit * fit.noise[mine])[:, None]
+    spread, axes = np.linalg.eigh(n.T @ n)
+    own = axes[:, 0] * np.where(axes[:, 0] @ d < 0, -1.0, 1.0)
+    return own, (axes[:, 1:] / np.maximum(spread[1:], 1e-300)) @ axes[:, 1:].T

@@ -21,6 +21,9 @@ def detect(
     target: o.Target = None,
     mirror_x: o.MirrorX = False,
     exclude: o.Exclude = None,
+    refine: o.Refine = "saddle",
+    window: o.Window = None,
+    zero_zone: o.ZeroZone = None,
     workers: o.Workers = None,
     cache: o.Cache = None,
     out: Annotated[
@@ -54,7 +57,10 @@ def detect(
 
     outputs = session.Outputs(out=out, json=json, quiet=quiet, force=force)
     outputs.check()
-    source = Source(tuple(images or ()), target, None, o.split_names(exclude), mirror_x, workers, quiet or json, cache)
+    how = o.refinement(refine, window, zero_zone)
+    source = Source(
+        tuple(images or ()), target, None, o.split_names(exclude), mirror_x, workers, quiet or json, cache, how
+    )
     files = source.files()
     outputs.spare(source.inputs(files))
     _check_folder(overlays)

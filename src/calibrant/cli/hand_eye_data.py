@@ -18,6 +18,7 @@ from calibrant.errors import InputError, RefusedError
 if TYPE_CHECKING:
     from calibrant.cameras import Camera
     from calibrant.data import Missed, Observations, View
+    from calibrant.detect.refinement import Refinement
     from calibrant.diagnose.doctor.diagnosis import Diagnosis
     from calibrant.formats.poses import PoseReading, RawPoses
 
@@ -46,6 +47,7 @@ class Request:
     workers: str | None = None
     cache: str | None = None
     quiet: bool = False
+    refinement: Refinement | None = None
     arm: RobotChoice = field(default_factory=RobotChoice)
 
     @property
@@ -60,6 +62,7 @@ class Request:
             self.workers,
             self.quiet,
             self.cache,
+            self.refinement,
         )
 
 

@@ -37,6 +37,9 @@ def intrinsics(
         ),
     ] = "flat",
     exclude: o.Exclude = None,
+    refine: o.Refine = "saddle",
+    window: o.Window = None,
+    zero_zone: o.ZeroZone = None,
     workers: o.Workers = None,
     cache: o.Cache = None,
     out: o.Out = None,
@@ -66,8 +69,9 @@ def intrinsics(
     outputs = session.Outputs(out, report, json, quiet, force, opencv)
     outputs.check()
     limit = o.pixels(max_error, option="--max-error")
+    how = o.refinement(refine, window, zero_zone)
     source = Source(
-        tuple(images or ()), target, observations, o.split_names(exclude), mirror_x, workers, quiet or json, cache
+        tuple(images or ()), target, observations, o.split_names(exclude), mirror_x, workers, quiet or json, cache, how
     )
     files = source.files()
     inputs = [*source.inputs(files), *([initial] if initial else [])]

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from calibrant.errors import InputError
+
+if TYPE_CHECKING:
+    from calibrant.detect.refinement import Refinement
 
 Images = Annotated[
     list[str] | None,
@@ -78,6 +81,26 @@ Cache = Annotated[
         help="Keep what was detected in this folder (else in the user's cache folder); none: keep nothing.",
     ),
 ]  # fmt: skip
+Refine = Annotated[
+    str,
+    typer.Option(
+        "--refine", metavar="saddle|foerstner|radon", help="How the corners of chessboards and ChArUco are measured."
+    ),
+]
+Window = Annotated[
+    str | None,
+    typer.Option(
+        "--window", metavar="PERCENT", show_default=False,
+        help="Half width of the window around a corner, of the distance to the next one: 40%.",
+    ),
+]  # fmt: skip
+ZeroZone = Annotated[
+    str | None,
+    typer.Option(
+        "--zero-zone", metavar="PX", show_default=False,
+        help="Leave out the pixels around a corner up to this far, e.g. 1px.",
+    ),
+]  # fmt: skip
 
 Robot = Annotated[
     str | None,
@@ -107,6 +130,25 @@ RobotFormat = Annotated[
 def split_names(values: Sequence[str] | None) -> tuple[str, ...]:
     """Names given as separate values or separated by commas."""
     return tuple(n.strip() for value in values or () for n in value.split(",") if n.strip())
+
+
+def refinement(method: str, window: str | None, zero_zone: str | None) -> Refinement:
+    """How corners are measured. Raises: InputError for an unknown method, a bare number, or values out of range."""
+    from calibrant.detect.refinement import Refinement
+
+    part = None
+    if window is not None:
+        number = window.strip().removesuffix("%").strip()
+        try:
+            part = float(number) / 100.0
+        except ValueError:
+            part = None
+        if part is None or not window.strip().endswith("%"):
+            raise InputError(
+                f"--window takes a percentage of the distance to the next corner, such as 40%; got {window!r}"
+            )
+    zone = pixels(zero_zone, option="--zero-zone")
+    return Refinement(method.strip().lower(), part, zone or 0.0)
 
 
 def pixels(text: str | None, *, option: str) -> float | None:

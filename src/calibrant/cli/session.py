@@ -15,6 +15,7 @@ from calibrant.errors import InputError, RefusedError
 
 if TYPE_CHECKING:
     from calibrant.data import CalibrationResult, Observations
+    from calibrant.detect.refinement import Refinement
 
 Progress = Callable[[int, int, str], None]
 
@@ -131,10 +132,12 @@ def detect_boards(
     quiet: bool,
     cache: str | None = None,
     camera: str = "camera",
+    refinement: Refinement | None = None,
 ) -> Observations:
     """Find the target in every file, with progress. Args: cache: as `cache_folder` takes it."""
     from calibrant.cli.own_points import read_beside
     from calibrant.detect import detect
+    from calibrant.detect.refinement import DEFAULT
     from calibrant.targets.point_folder import PointFolder
     from calibrant.targets.registry import parse_target
 
@@ -149,6 +152,7 @@ def detect_boards(
             workers=workers,
             camera=camera,
             cache=cache_folder(cache),
+            refinement=refinement or DEFAULT,
             progress=step,
         )
 

@@ -12,6 +12,7 @@ from calibrant.errors import InputError
 
 if TYPE_CHECKING:
     from calibrant.data import Observations
+    from calibrant.detect.refinement import Refinement
 
 _LISTED = 6
 """Names a message lists before it stops with an ellipsis."""
@@ -29,6 +30,7 @@ class Source:
     workers: str | None = None
     quiet: bool = False
     cache: str | None = None
+    refinement: Refinement | None = None
 
     def files(self) -> list[Path]:
         """The photos, without those excluded; none when the points are read from a file.
@@ -64,6 +66,7 @@ class Source:
                 workers=self.workers,
                 quiet=self.quiet,
                 cache=self.cache,
+                refinement=self.refinement,
             )
         from calibrant.data.result_file import read_observations
 

@@ -26,6 +26,9 @@ Array = NDArray[np.float64]
 
 COARSE_SIDE_PX = 1000
 """The first search is in an image of about this many pixels: a 6x6 grid that fills half of it has tags of 60 px."""
+APART = 0.33
+"""Tags touch the small squares at their corners, where the grey is the mean of ink and paper: less than that counts as
+ink, which keeps them apart when blurred."""
 ENOUGH = 0.5
 """Part of the tags with which no further search is made: the others are read where these put them."""
 LEAST_TAGS = 2
@@ -68,7 +71,7 @@ def _search(grey: Grey, target: AprilGrid) -> Markers:
     """The tags of the grid, with more effort until most are read; each once."""
     count = target.columns * target.rows
     best = Markers.of((), None)
-    for effort in efforts(grey.shape, COARSE_SIDE_PX):
+    for effort in efforts(grey.shape, COARSE_SIDE_PX, part=APART):
         found = find_markers(grey, target.dictionary, effort, border=target.border)
         once = np.array([np.count_nonzero(found.ids == i) == 1 for i in found.ids], dtype=bool)
         found = found.subset(once & (found.ids < count))

@@ -22,6 +22,7 @@ import numpy as np
 
 from calibrant import __version__
 from calibrant.detect.detection import Detection
+from calibrant.detect.refinement import DEFAULT, Refinement
 from calibrant.detect.video import frame_of
 from calibrant.errors import InputError
 from calibrant.targets.target import Target
@@ -84,7 +85,7 @@ def default_folder() -> Path:
     return base / "calibrant" / "detections"
 
 
-def key_of(file: Path, target: Target, mirror_x: bool) -> str | None:
+def key_of(file: Path, target: Target, mirror_x: bool, refinement: Refinement = DEFAULT) -> str | None:
     """The name under which a file's detection is kept; None when the file cannot be read."""
     frame = frame_of(file)
     source, number = (file, None) if frame is None else frame
@@ -93,7 +94,7 @@ def key_of(file: Path, target: Target, mirror_x: bool) -> str | None:
         digest = _content(str(source), status.st_mtime_ns, status.st_size)
     except OSError:
         return None
-    parts = (digest, str(number), repr(target), str(mirror_x), code_fingerprint())
+    parts = (digest, str(number), repr(target), str(mirror_x), repr(refinement), code_fingerprint())
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
 

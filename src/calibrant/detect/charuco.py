@@ -22,6 +22,7 @@ from calibrant.detect.detection import Detection, Grey
 from calibrant.detect.marker_search import Effort, efforts, find_markers
 from calibrant.detect.markers import agreeing_group, is_negative, read_markers
 from calibrant.detect.opencv import Markers
+from calibrant.detect.refinement import DEFAULT, Refinement
 from calibrant.errors import InputError
 from calibrant.targets.charuco import Charuco
 from calibrant.targets.target import Target
@@ -50,8 +51,11 @@ class _Board:
     confirmed: int
 
 
+@dataclass(frozen=True)
 class CharucoDetector:
-    """Finds ChArUco boards, whole or in part. Registered in `detect/registry.py`."""
+    """Finds ChArUco boards, whole or in part. refinement: how corners are measured. Registered in `registry.py`."""
+
+    refinement: Refinement = DEFAULT
 
     def detect(self, grey: Grey, target: Target, *, camera: Camera | None = None) -> Detection:
         """The board's corners in a grey image (h, w).
@@ -63,10 +67,10 @@ class CharucoDetector:
             raise InputError(f"the ChArUco detector finds targets of kind charuco, got {target.kind}")
         seen = Markers.of((), None)
         for markers in _searches(grey, target):
-            board = _best_board(grey, target, markers)
+            board = _best_board(grey, target, markers, self.refinement)
             if board is not None:
                 if camera is not None:
-                    board = _with_camera(grey, board, camera, markers)
+                    board = _with_camera(grey, board, camera, markers, self.refinement)
                 return _detection(target, board)
             seen = markers if len(markers) > len(seen) else seen
         return why_not_found(grey, target, seen)
@@ -95,7 +99,7 @@ def _in_region(grey: Grey, target: Charuco, seen: Markers, effort: Effort) -> Ma
     return Markers(found.ids, found.corners + low)
 
 
-def _best_board(grey: Grey, target: Charuco, markers: Markers) -> _Board | None:
+def _best_board(grey: Grey, target: Charuco, markers: Markers, how: Refinement) -> _Board | None:
     """The board that the markers show in the layout they fit best; the layout asked for wins a tie.
 
     Where no two markers agree, each of them alone may lead to the others, which then confirm it.
@@ -104,20 +108,20 @@ def _best_board(grey: Grey, target: Charuco, markers: Markers) -> _Board | None:
     fits = [agreeing_group(markers, layout) for layout in layouts]
     best = int(np.argmax([fit.sum() for fit in fits]))
     if fits[best].any():
-        return _grown(grey, layouts[best], markers.subset(fits[best]), markers)
+        return _grown(grey, layouts[best], markers.subset(fits[best]), markers, how)
     alone = np.flatnonzero(markers.ids < target.marker_count)[:MOST_ALONE]
     for k in alone:
         for layout in layouts:
-            board = _grown(grey, layout, markers.subset(np.arange(len(markers)) == k), markers)
+            board = _grown(grey, layout, markers.subset(np.arange(len(markers)) == k), markers, how)
             if board is not None:
                 return board
     return None
 
 
-def _grown(grey: Grey, layout: Charuco, seed: Markers, markers: Markers) -> _Board | None:
+def _grown(grey: Grey, layout: Charuco, seed: Markers, markers: Markers, how: Refinement) -> _Board | None:
     """The board grown from markers that lie as on it, when it is confirmed."""
     printed = replace(layout, inverted=is_negative(grey, seed, layout))
-    corners = grow_corners(grey, printed, marker_anchors(seed, printed))
+    corners = grow_corners(grey, printed, marker_anchors(seed, printed), how)
     return _confirmed(grey, printed, corners, markers)
 
 
@@ -150,12 +154,12 @@ def _on_one_line(printed: Charuco, corners: Corners) -> bool:
     return bool(np.linalg.svd(centred, compute_uv=False)[-1] < 1e-6)
 
 
-def _with_camera(grey: Grey, board: _Board, camera: Camera, markers: Markers) -> _Board:
+def _with_camera(grey: Grey, board: _Board, camera: Camera, markers: Markers, how: Refinement) -> _Board:
     """The board with the corners that a known camera helps to find; never fewer than before."""
     anchors = anchors_from_camera(board.corners, board.printed, camera)
     if anchors is None:
         return board
-    more = _confirmed(grey, board.printed, grow_corners(grey, board.printed, anchors), markers)
+    more = _confirmed(grey, board.printed, grow_corners(grey, board.printed, anchors, how), markers)
     return more if more is not None and len(more.corners) > len(board.corners) else board
 
 

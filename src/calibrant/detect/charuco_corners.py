@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.detect import saddle
 from calibrant.detect.detection import Grey
 from calibrant.detect.local_homography import LocalMaps, fit_local_maps
 from calibrant.detect.opencv import Markers, refine_corners, sample
+from calibrant.detect.refinement import DEFAULT, Refinement, refine
 from calibrant.targets.charuco import Charuco
 
 Array = NDArray[np.float64]
@@ -90,7 +90,7 @@ def corner_anchors(corners: Corners, target: Charuco) -> Anchors:
     return Anchors(xy, corners.uv, np.full(len(xy), CORNER_SIGMA_PX))
 
 
-def grow_corners(grey: Grey, target: Charuco, anchors: Anchors) -> Corners:
+def grow_corners(grey: Grey, target: Charuco, anchors: Anchors, how: Refinement = DEFAULT) -> Corners:
     """All corners that can be reached from the anchors, each checked against the picture and its neighbours."""
     places = target.points[:, :2] / target.square
     uv = np.full((len(places), 2), np.nan)
@@ -111,21 +111,22 @@ def grow_corners(grey: Grey, target: Charuco, anchors: Anchors) -> Corners:
         known = known.joined(places[new], uv[new], CORNER_SIGMA_PX)
     found = np.flatnonzero(~np.isnan(uv[:, 0]))
     rough = Corners(found, uv[found], np.full(len(found), CORNER_SIGMA_PX))
-    return _agreeing(_sharpened(grey, rough, target, known), target, anchors)
+    return _agreeing(_sharpened(grey, rough, target, known, how), target, anchors)
 
 
-def _sharpened(grey: Grey, corners: Corners, target: Charuco, known: Anchors) -> Corners:
+def _sharpened(grey: Grey, corners: Corners, target: Charuco, known: Anchors, how: Refinement) -> Corners:
     """Corners refined to their full accuracy, each with its own sigma.
 
     Where the model of two blurred edges does not fit (a moving board), the rough corner stays, with a large sigma.
     """
     if len(corners) == 0:
         return corners
-    # The refinement looks at WINDOW of the steps it is given: steps are shortened so that it ends before the markers.
+    # Windows end before the markers.
     gap = 0.5 * (1.0 - target.marker / target.square)
     per_square = known.maps_at(target.points[corners.index, :2] / target.square).px_per_square
-    steps = np.swapaxes(per_square, 1, 2).reshape(-1, 4) * min(1.0, gap / saddle.WINDOW)
-    refined = saddle.refine(grey, corners.uv, steps, ~_light_at_top_left(target, corners.index))
+    steps = np.swapaxes(per_square, 1, 2).reshape(-1, 4)
+    dark = ~_light_at_top_left(target, corners.index)
+    refined = refine(grey, corners.uv, steps, dark, how=how, most=gap)
     moved = np.linalg.norm(refined.uv - corners.uv, axis=1)
     fits = refined.converged & (moved < SHARPENING_PX) & (refined.sigma_px < ROUGH_SIGMA_PX)
     uv = np.where(fits[:, None], refined.uv, corners.uv)

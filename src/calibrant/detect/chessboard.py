@@ -21,7 +21,8 @@ from calibrant.detect.chessboard_grid import Grid, grow_grids, turned
 from calibrant.detect.chessboard_links import neighbours
 from calibrant.detect.chessboard_snap import predict
 from calibrant.detect.detection import Detection, Grey
-from calibrant.detect.saddle import Refined, refine
+from calibrant.detect.refinement import DEFAULT, Refinement, refine
+from calibrant.detect.saddle import Refined
 from calibrant.errors import InputError
 from calibrant.targets.chessboard import Chessboard
 from calibrant.targets.target import Target
@@ -56,8 +57,11 @@ class _Found:
     factor: int
 
 
+@dataclass(frozen=True)
 class ChessboardDetector:
-    """Detector of `Chessboard` targets."""
+    """Detector of `Chessboard` targets. refinement: how corners are measured."""
+
+    refinement: Refinement = DEFAULT
 
     def detect(self, grey: Grey, target: Target) -> Detection:
         """All corners of the board in a grey image (h, w), with their standard deviations.
@@ -72,7 +76,7 @@ class ChessboardDetector:
             seen.append(found)
             if found.grid.goes_on or sorted(found.grid.shape) != sorted((target.rows, target.columns)):
                 continue
-            detection = _numbered(grey, found, target)
+            detection = _numbered(grey, found, target, self.refinement)
             if len(detection.uv) == len(target.points):
                 return detection
             # A corner that one scale loses in blur or noise, another may show.
@@ -114,7 +118,7 @@ def _grids(level: Grey, factor: int, most: int, target: Chessboard) -> Iterator[
             yield _Found(replace(grid, xy=factor * grid.xy + shift), factor)
 
 
-def _numbered(grey: Grey, found: _Found, target: Chessboard) -> Detection:
+def _numbered(grey: Grey, found: _Found, target: Chessboard, how: Refinement) -> Detection:
     grid = _oriented(found.grid, target)
     known = grid.known
     least = max(LEAST_SEEN * known.size, min(LEAST_COUNT, known.size))
@@ -122,7 +126,7 @@ def _numbered(grey: Grey, found: _Found, target: Chessboard) -> Detection:
         return Detection.nothing(
             f"only {int(known.sum())} of {known.size} corners of the board can be seen; uncover it or light it evenly"
         )
-    refined = _refined(grey, grid, found.factor)
+    refined = _refined(grey, grid, found.factor, how)
     good = refined.converged & (refined.noise < MOST_NOISE * refined.contrast)
     if good.sum() < least:
         return Detection.nothing("the board was seen but its corners are too blurred or too noisy to be measured")
@@ -131,7 +135,7 @@ def _numbered(grey: Grey, found: _Found, target: Chessboard) -> Detection:
     return Detection(ids.astype(np.int64), refined.uv[good], refined.sigma_px[good], notes=notes)
 
 
-def _refined(grey: Grey, grid: Grid, factor: int) -> Refined:
+def _refined(grey: Grey, grid: Grid, factor: int, how: Refinement) -> Refined:
     xy = np.ascontiguousarray(grid.xy)
     at = np.argwhere(grid.known)
     steps = np.empty((len(at), 6))
@@ -143,9 +147,15 @@ def _refined(grey: Grey, grid: Grid, factor: int) -> Refined:
     radius, blur = max(WINDOW_PX, 3.0 * factor), max(1.0, 0.5 * factor)
     refined = refine(grey, start, steps[:, 2:], dark, radius_px=radius, blur_px=blur)
     blur = float(np.median(refined.blur_px))
-    if WINDOWS_OF_BLUR * blur <= radius:
+    if WINDOWS_OF_BLUR * blur > radius:
+        radius = WINDOWS_OF_BLUR * blur
+        refined = refine(grey, start, steps[:, 2:], dark, radius_px=radius, blur_px=blur)
+    if how == DEFAULT:
         return refined
-    return refine(grey, start, steps[:, 2:], dark, radius_px=WINDOWS_OF_BLUR * blur, blur_px=blur)
+    # From where the first fit put them: other methods have no model of blur to find their way with.
+    start = np.where(refined.converged[:, None], refined.uv, start)
+    other = refine(grey, start, steps[:, 2:], dark, how=how, radius_px=radius, blur_px=blur)
+    return replace(refined, uv=other.uv, sigma_px=other.sigma_px, converged=refined.converged & other.converged)
 
 
 def _oriented(grid: Grid, target: Chessboard) -> Grid:

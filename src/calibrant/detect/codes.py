@@ -28,6 +28,11 @@ MENDED = 0.6
 """Part of the wrong bits a dictionary can mend that is allowed, as in OpenCV: beyond, texture is mended to a marker."""
 RING_CELLS = 0.4
 """Where the ring around is looked at, in cells outside the border: neighbours may be a cell away."""
+SAME_PLACE = 0.15
+"""Centres closer than this part of the diagonal are one marker's: two markers' are a side apart."""
+STEP_CELLS = 0.1
+"""Outlines are told from each other by the step of grey across them, this far to each side: nearer than a border is
+wide."""
 INNER = 0.25
 """Samples lie in the inner half of a cell, where blur from the next ones reaches last."""
 
@@ -62,8 +67,21 @@ def read_codes(grey: Grey, quads: Array, name: str, *, border: int = 1) -> Marke
     """
     codes, mended = dictionary_codes(name)
     side = int(dictionary(name).markerSize)
-    ids, corners = _read(np.ascontiguousarray(grey), np.ascontiguousarray(quads), side, border, codes, mended)
-    return Markers(ids, corners)
+    ids, corners, step = _read(np.ascontiguousarray(grey), np.ascontiguousarray(quads), side, border, codes, mended)
+    return Markers(ids, corners).subset(_outlines(ids, corners, step))
+
+
+def _outlines(ids: NDArray[np.int64], corners: Array, step: Array) -> NDArray[np.bool_]:
+    """Of the quadrilaterals around one marker, the one that lies on its edge, as a mask (n,).
+
+    A wide border is flat in its middle, and the end of what is steep has an outline of its own.
+    """
+    centre = corners.mean(axis=1)
+    reach = SAME_PLACE * np.linalg.norm(corners[:, 2] - corners[:, 0], axis=1)
+    same = (ids[:, None] == ids) & (np.linalg.norm(centre[:, None] - centre, axis=2) < reach[:, None])
+    order = np.arange(len(ids))
+    better = (step > step[:, None]) | ((step == step[:, None]) & (order < order[:, None]))
+    return np.asarray(~(same & better).any(axis=1))
 
 
 @njit("float64(uint8[:, ::1], float64, float64)", cache=True, nogil=True)
@@ -112,6 +130,20 @@ def _ring(grey, H, side):  # type: ignore[no-untyped-def]
         total += _at(grey, H, along, -out) + _at(grey, H, along, 1.0 + out)
         total += _at(grey, H, -out, along) + _at(grey, H, 1.0 + out, along)
     return total / (4 * side)
+
+
+@njit("float64(uint8[:, ::1], float64[::1], int64)", cache=True, nogil=True, error_model="numpy")
+def _step(grey, H, side):  # type: ignore[no-untyped-def]
+    """Mean step of grey across the outline, to either side."""
+    out = STEP_CELLS / side
+    total = 0.0
+    for k in range(side):
+        along = (k + 0.5) / side
+        total += _at(grey, H, along, -out) - _at(grey, H, along, out)
+        total += _at(grey, H, along, 1.0 + out) - _at(grey, H, along, 1.0 - out)
+        total += _at(grey, H, -out, along) - _at(grey, H, out, along)
+        total += _at(grey, H, 1.0 + out, along) - _at(grey, H, 1.0 - out, along)
+    return abs(total) / (4 * side)
 
 
 @njit("boolean(uint8[:, ::1], float64[::1], int64, float64)", cache=True, nogil=True, error_model="numpy")
@@ -198,15 +230,16 @@ def _look_up(code, codes, mended):  # type: ignore[no-untyped-def]
 
 
 @njit(
-    "Tuple((int64[::1], float64[:, :, ::1]))(uint8[:, ::1], float64[:, :, ::1], int64, int64, uint64[:, ::1], int64)",
+    "Tuple((int64[::1], float64[:, :, ::1], float64[::1]))"
+    "(uint8[:, ::1], float64[:, :, ::1], int64, int64, uint64[:, ::1], int64)",
     cache=True,
     nogil=True,
     error_model="numpy",
 )
 def _read(grey, quads, bits, border, codes, mended):  # type: ignore[no-untyped-def]
-    """Ids (n,) and corners (n, 4, 2), from each marker's own top left, of the quadrilaterals that show a code."""
+    """Ids (n,), corners (n, 4, 2) from each marker's own top left, and steps of grey (n,), where a code is shown."""
     side = bits + 2 * border
-    ids, corners = np.empty(len(quads), np.int64), np.empty((len(quads), 4, 2))
+    ids, corners, step = np.empty(len(quads), np.int64), np.empty((len(quads), 4, 2)), np.empty(len(quads))
     value, H = np.empty((side, side)), np.empty(8)
     count = 0
     for n in range(len(quads)):
@@ -223,7 +256,8 @@ def _read(grey, quads, bits, border, codes, mended):  # type: ignore[no-untyped-
         if which < 0:
             continue
         ids[count] = which
+        step[count] = _step(grey, H, side)
         for k in range(4):
             corners[count, k] = quads[n, (k - turn) % 4]
         count += 1
-    return ids[:count].copy(), corners[:count].copy()
+    return ids[:count].copy(), corners[:count].copy(), step[:count].copy()

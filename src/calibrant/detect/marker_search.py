@@ -11,7 +11,7 @@ import numpy as np
 from calibrant.detect.codes import read_codes
 from calibrant.detect.detection import Grey
 from calibrant.detect.opencv import Markers, shrink
-from calibrant.detect.quads import find_quads
+from calibrant.detect.quads import MIDDLE, find_quads
 
 Ink = Literal["dark", "light"]
 
@@ -26,22 +26,24 @@ class Effort:
     """How markers are looked for: in a picture smaller by `factor`, with edges of at least `contrast` grey levels.
 
     ink: what a region is made of. A light region in a dark one is found as its hole either way, but not where the dark
-    around it is thinner than a pixel or two.
+    around it is thinner than a pixel or two. part: as `find_quads` takes it.
     """
 
     factor: int
     contrast: int = CLEAR
     ink: Ink = "dark"
+    part: float = MIDDLE
 
 
-def efforts(shape: tuple[int, ...], coarse_side_px: int, ink: Ink = "dark") -> list[Effort]:
+def efforts(shape: tuple[int, ...], coarse_side_px: int, ink: Ink = "dark", *, part: float = MIDDLE) -> list[Effort]:
     """From the cheapest to the most thorough: smaller copies first, then faint edges, then the other ink."""
     factor = max(1, round(max(shape) / coarse_side_px))
     factors = [factor]
     while factors[-1] > 1:
         factors.append(factors[-1] // 2)
     # Where edges are faint noise is as strong as they are, except in a smaller copy.
-    return [*(Effort(f, ink=ink) for f in factors), Effort(factor, FAINT, ink), Effort(factor, ink=_other(ink))]
+    clear = [Effort(f, CLEAR, ink, part) for f in factors]
+    return [*clear, Effort(factor, FAINT, ink, part), Effort(factor, CLEAR, _other(ink), part)]
 
 
 def find_quads_at(grey: Grey, effort: Effort) -> np.ndarray:
@@ -52,7 +54,7 @@ def find_quads_at(grey: Grey, effort: Effort) -> np.ndarray:
     if effort.ink == "light":
         level = np.asarray(cv2.bitwise_not(level), np.uint8)
     # Pixel (0, 0) is the centre of the top left pixel at either size.
-    return effort.factor * (find_quads(level, contrast=effort.contrast) + 0.5) - 0.5
+    return effort.factor * (find_quads(level, contrast=effort.contrast, part=effort.part) + 0.5) - 0.5
 
 
 def find_markers(grey: Grey, name: str, effort: Effort, *, border: int = 1) -> Markers:

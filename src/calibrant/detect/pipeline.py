@@ -18,6 +18,7 @@ from calibrant.detect.executors import executor_for
 from calibrant.detect.image_header import UPRIGHT, WORDS
 from calibrant.detect.images import expand, load_grey, orientation_of
 from calibrant.detect.likeness import notes_on_likeness
+from calibrant.detect.refinement import DEFAULT, Refinement
 from calibrant.detect.registry import detector_for
 from calibrant.errors import DetectionError, InputError
 from calibrant.targets.registry import parse_target
@@ -47,6 +48,7 @@ def detect(
     mirror_x: bool = False,
     camera: str = DEFAULT_CAMERA,
     cache: str | Path | None = None,
+    refinement: Refinement = DEFAULT,
     progress: Progress | None = None,
 ) -> Observations:
     """The target in every image.
@@ -54,17 +56,18 @@ def detect(
     Args: images: files, patterns, folders, videos; target: a target, or its spec; workers: how many processes, a Dask
     scheduler's address, or an executor to use (None: two where the images are many); mirror_x: images are flipped left
     to right before anything else, for cameras that deliver mirror images, and pixels are those of the flipped image;
-    cache: a folder that keeps what was detected, so that the same images are not searched again; progress: called after
-    each image.
+    cache: a folder that keeps what was detected, so that the same images are not searched again; refinement: how
+    the corners of chessboards and ChArUco boards are measured; progress: called after each image.
     An image that cannot be read or does not show the target is listed in `missed` with the reason.
     Raises: InputError when no image is given, none can be read, or sizes differ; DetectionError when no image shows the
     target.
     """
     wanted = parse_target(target) if isinstance(target, str) else target
+    detector_for(wanted.kind, refinement)  # options that do not go together are said before anything is read
     files = expand(images)
     kept = None if cache is None else Cache.at(cache)
     done = []
-    for result in _run(workers, files, wanted, mirror_x, kept):
+    for result in _run(workers, files, wanted, mirror_x, kept, refinement):
         done.append(result)
         if progress is not None:
             progress(len(done), len(files), result.file.name)
@@ -91,7 +94,7 @@ def detect(
     )
 
 
-def detect_file(file: Path, target: Target, mirror_x: bool) -> ImageDetection:
+def detect_file(file: Path, target: Target, mirror_x: bool, refinement: Refinement = DEFAULT) -> ImageDetection:
     """The target in one file; a file that cannot be read gives the reason, not an error."""
     # One image is one task: OpenCV's own threads would compete with the other processes.
     cv2.setNumThreads(1)
@@ -102,7 +105,7 @@ def detect_file(file: Path, target: Target, mirror_x: bool) -> ImageDetection:
     if mirror_x:
         grey = np.ascontiguousarray(grey[:, ::-1])
     h, w = grey.shape
-    return ImageDetection(file, (w, h), detector_for(target.kind).detect(grey, target))
+    return ImageDetection(file, (w, h), detector_for(target.kind, refinement).detect(grey, target))
 
 
 def notes_on_orientation(files: Sequence[Path]) -> list[str]:
@@ -121,13 +124,18 @@ def notes_on_orientation(files: Sequence[Path]) -> list[str]:
 
 
 def _run(
-    workers: int | str | Executor | None, files: Sequence[Path], target: Target, mirror_x: bool, cache: Cache | None
+    workers: int | str | Executor | None,
+    files: Sequence[Path],
+    target: Target,
+    mirror_x: bool,
+    cache: Cache | None,
+    refinement: Refinement,
 ) -> Iterator[ImageDetection]:
     """Every file's detection: first those that are kept already, then the others as they are done, in order."""
     keys: dict[Path, str] = {}
     todo = []
     for file in files:
-        key = None if cache is None else key_of(file, target, mirror_x)
+        key = None if cache is None else key_of(file, target, mirror_x, refinement)
         known = None if cache is None or key is None else cache.get(key)
         if known is not None:
             yield ImageDetection(file, *known)
@@ -138,7 +146,8 @@ def _run(
     with executor_for(workers, len(todo)) as executor:
         mapping = map if executor is None else executor.map
         # Lists, not endless repeats: Dask's executor asks for their lengths.
-        for result in mapping(detect_file, todo, [target] * len(todo), [mirror_x] * len(todo)):
+        options = ([target] * len(todo), [mirror_x] * len(todo), [refinement] * len(todo))
+        for result in mapping(detect_file, todo, *options):
             if cache is not None and result.size is not None and result.file in keys:
                 cache.put(keys[result.file], result.size, result.detection)
             yield result

@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 WINDOW_PX = 9
 """Side of the window whose extremes are compared: wider than the blur of an edge, and not much more than a marker's
 border, so that light and shade within a marker's own size are told from ink."""
+MIDDLE = 0.5
 CONTRAST = 14
 """Grey levels between the extremes: twice what OpenCV's threshold asks below the mean, which lies halfway."""
 LEAST_SIDE_PX = 6.0
@@ -48,23 +49,28 @@ LEAST_FILL = 0.3
 """Area over the squared mean side: 1 for a square, sin(angle) for a rhombus; flatter ones cannot be read."""
 
 
-def find_quads(level: Grey, *, window_px: int = WINDOW_PX, contrast: int = CONTRAST) -> Array:
-    """Corners (n, 4, 2) px of the quadrilaterals in a grey picture (h, w), clockwise as seen (y down)."""
+def find_quads(level: Grey, *, window_px: int = WINDOW_PX, contrast: int = CONTRAST, part: float = MIDDLE) -> Array:
+    """Corners (n, 4, 2) px of the quadrilaterals in a grey picture (h, w), clockwise as seen (y down).
+
+    Args: part: where between the darkest and the brightest of its surroundings a pixel ceases to be dark. Below the
+    middle, dark regions that touch at a corner come apart in a blurred picture too, and all outlines shrink a little.
+    """
     kernel = np.ones((window_px, window_px), np.uint8)
     low, high = cv2.erode(level, kernel), cv2.dilate(level, kernel)
     dark = np.zeros((level.shape[0] + 2, level.shape[1] + 2), np.uint8)
-    _threshold(np.ascontiguousarray(level), low, high, contrast, dark)
+    _threshold(np.ascontiguousarray(level), low, high, contrast, np.float32(part), dark)
     return _quads(_around_crossings(dark))
 
 
-@njit("void(uint8[:, ::1], uint8[:, ::1], uint8[:, ::1], int64, uint8[:, ::1])", cache=True, nogil=True)
-def _threshold(level, low, high, contrast, dark):  # type: ignore[no-untyped-def]
-    """Sets dark[y + 1, x + 1] to 1 where a pixel is below the middle of its surroundings' extremes."""
+@njit("void(uint8[:, ::1], uint8[:, ::1], uint8[:, ::1], int64, float32, uint8[:, ::1])", cache=True, nogil=True)
+def _threshold(level, low, high, contrast, part, dark):  # type: ignore[no-untyped-def]
+    """Sets dark[y + 1, x + 1] to 1 where a pixel is below that part of the way between its surroundings' extremes."""
     h, w = level.shape
     for y in range(h):
         for x in range(w):
-            a, b = np.int32(low[y, x]), np.int32(high[y, x])
-            dark[y + 1, x + 1] = (2 * np.int32(level[y, x]) < a + b) & (b - a >= contrast)
+            a = np.int32(low[y, x])
+            range_ = np.int32(high[y, x]) - a
+            dark[y + 1, x + 1] = (np.int32(level[y, x]) - a < part * range_) & (range_ >= contrast)
 
 
 # The four pixels around a crossing of cracks, and that the crack going up from it was walked.

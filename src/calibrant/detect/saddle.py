@@ -55,13 +55,20 @@ class Refined:
 
 
 def refine(
-    grey: Grey, uv: Array, steps: Array, dark: NDArray[np.bool_], *, radius_px: float = 6.0, blur_px: float = 1.0
+    grey: Grey,
+    uv: Array,
+    steps: Array,
+    dark: NDArray[np.bool_],
+    *,
+    radius_px: float = 6.0,
+    blur_px: float = 1.0,
+    zero_zone_px: float = 0.0,
 ) -> Refined:
     """Corners where two edges cross, near uv (n, 2).
 
     Args: steps (n, 4) pixels: ux, uy to the next corner along the row and vx, vy along the column; dark (n,): colour of
     the square towards both; radius_px: largest half width of the window; blur_px: the blur to start from, about the
-    uncertainty of uv.
+    uncertainty of uv; zero_zone_px: half width of the square around the corner that is left out, 0 for none.
     """
     fitted, sigma = _fit(
         grey,
@@ -70,6 +77,7 @@ def refine(
         np.ascontiguousarray(dark, dtype=np.bool_),
         float(radius_px),
         float(blur_px),
+        float(zero_zone_px),
     )
     ok = np.isfinite(sigma[:, 0])
     return Refined(fitted[:, :2], sigma[:, 0], np.abs(fitted[:, 6]), sigma[:, 1], np.exp(fitted[:, 4]), ok)
@@ -129,8 +137,8 @@ def _normal_equations(grey, p, pixels, count, JtJ, Jtr):  # type: ignore[no-unty
     return total
 
 
-@njit("int64(int64, int64, float64[::1], float64[::1], float64, int64[:, ::1])", cache=True, nogil=True)
-def _window(h, w, centre, step, radius, pixels):  # type: ignore[no-untyped-def]
+@njit("int64(int64, int64, float64[::1], float64[::1], float64, float64, int64[:, ::1])", cache=True, nogil=True)
+def _window(h, w, centre, step, radius, zero, pixels):  # type: ignore[no-untyped-def]
     """Fills the pixels (count, 2) within the window around a centre; returns their count."""
     det = step[0] * step[3] - step[1] * step[2]
     count = 0
@@ -139,6 +147,8 @@ def _window(h, w, centre, step, radius, pixels):  # type: ignore[no-untyped-def]
     for v in range(max(int(centre[1] - radius), 0), min(int(centre[1] + radius) + 2, h)):
         for u in range(max(int(centre[0] - radius), 0), min(int(centre[0] + radius) + 2, w)):
             dx, dy = u - centre[0], v - centre[1]
+            if abs(dx) < zero and abs(dy) < zero:
+                continue
             a = (dx * step[3] - dy * step[2]) / det
             b = (dy * step[0] - dx * step[1]) / det
             if abs(a) <= WINDOW and abs(b) <= WINDOW and dx * dx + dy * dy <= radius * radius:
@@ -228,12 +238,13 @@ def _descend(grey, pixels, count, p, most_blur, JtJ):  # type: ignore[no-untyped
 
 
 @njit(
-    "UniTuple(float64[:, ::1], 2)(uint8[:, ::1], float64[:, ::1], float64[:, ::1], boolean[::1], float64, float64)",
+    "UniTuple(float64[:, ::1], 2)(uint8[:, ::1], float64[:, ::1], float64[:, ::1], boolean[::1], float64, float64, "
+    "float64)",
     cache=True,
     nogil=True,
     error_model="numpy",
 )
-def _fit(grey, uv, steps, dark, radius, blur):  # type: ignore[no-untyped-def]
+def _fit(grey, uv, steps, dark, radius, blur, zero):  # type: ignore[no-untyped-def]
     """Parameters (n, 9), and (n, 2): standard deviation per axis in px (infinite where it failed) and of grey."""
     h, w = grey.shape
     n = len(uv)
@@ -245,7 +256,7 @@ def _fit(grey, uv, steps, dark, radius, blur):  # type: ignore[no-untyped-def]
     unit, column = np.empty(PARAMETERS), np.empty(PARAMETERS)
     for i in range(n):
         p, step = fitted[i], steps[i]
-        count = _window(h, w, uv[i], step, radius, pixels)
+        count = _window(h, w, uv[i], step, radius, zero, pixels)
         _start(grey, pixels, count, uv[i], step, dark[i], p)
         p[4] = math.log(blur)
         # Fewer pixels than this do not carry nine parameters with any certainty left.

@@ -18,8 +18,9 @@ from calibrant.cameras.camera import Camera
 from calibrant.detect.charuco_camera import anchors_from_camera
 from calibrant.detect.charuco_corners import Corners, corner_anchors, grow_corners, marker_anchors
 from calibrant.detect.charuco_reasons import why_not_found
+from calibrant.detect.codes import read_codes
 from calibrant.detect.detection import Detection, Grey
-from calibrant.detect.marker_search import Effort, efforts, find_markers
+from calibrant.detect.marker_search import efforts, find_quads_at
 from calibrant.detect.markers import agreeing_group, is_negative, read_markers
 from calibrant.detect.opencv import Markers
 from calibrant.detect.refinement import DEFAULT, Refinement
@@ -65,38 +66,42 @@ class CharucoDetector:
         """
         if not isinstance(target, Charuco):
             raise InputError(f"the ChArUco detector finds targets of kind charuco, got {target.kind}")
-        seen = Markers.of((), None)
-        for markers in _searches(grey, target):
+        seen, quads = Markers.of((), None), np.empty((0, 4, 2))
+        for markers, looked_at in _searches(grey, target):
             board = _best_board(grey, target, markers, self.refinement)
             if board is not None:
                 if camera is not None:
                     board = _with_camera(grey, board, camera, markers, self.refinement)
                 return _detection(target, board)
             seen = markers if len(markers) > len(seen) else seen
-        return why_not_found(grey, target, seen)
+            quads = looked_at if len(looked_at) > len(quads) else quads
+        return why_not_found(grey, target, seen, quads)
 
 
-def _searches(grey: Grey, target: Charuco) -> Iterator[Markers]:
-    """Markers found with more and more effort: in the whole picture, then where some were seen."""
+def _searches(grey: Grey, target: Charuco) -> Iterator[tuple[Markers, np.ndarray]]:
+    """Markers found with more and more effort, and the quadrilaterals they were read from.
+
+    In the whole picture, then where some were seen.
+    """
     seen = Markers.of((), None)
     for effort in efforts(grey.shape, COARSE_SIDE_PX, "light" if target.inverted else "dark"):
-        markers = _in_region(grey, target, seen, effort)
-        yield markers
+        low, part = _region(grey, target, seen)
+        quads = find_quads_at(part, effort) + low
+        markers = read_codes(grey, quads, target.dictionary)
+        yield markers, quads
         seen = markers if len(markers) > len(seen) else seen
 
 
-def _in_region(grey: Grey, target: Charuco, seen: Markers, effort: Effort) -> Markers:
-    """Markers in the part of the picture that a board with the markers seen can reach; in all of it before any was."""
+def _region(grey: Grey, target: Charuco, seen: Markers) -> tuple[np.ndarray, Grey]:
+    """Where the part of the picture begins that a board with the markers seen can reach, and it; all before any was."""
     on_board = seen.subset(seen.ids < target.marker_count)
     if len(on_board) < LEAST_MARKERS:
-        return find_markers(grey, target.dictionary, effort)
+        return np.zeros(2), grey
     side = np.linalg.norm(np.roll(on_board.corners, 1, axis=1) - on_board.corners, axis=2).max()
     reach = REACH_BOARDS * side * target.square / target.marker * max(target.columns, target.rows)
     low = np.maximum(np.floor(on_board.corners.min(axis=(0, 1)) - reach), 0).astype(int)
     high = np.ceil(on_board.corners.max(axis=(0, 1)) + reach).astype(int) + 1
-    part = np.ascontiguousarray(grey[low[1] : high[1], low[0] : high[0]])
-    found = find_markers(part, target.dictionary, effort)
-    return Markers(found.ids, found.corners + low)
+    return low, np.ascontiguousarray(grey[low[1] : high[1], low[0] : high[0]])
 
 
 def _best_board(grey: Grey, target: Charuco, markers: Markers, how: Refinement) -> _Board | None:

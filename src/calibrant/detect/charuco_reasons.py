@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibrant.detect.codes import read_codes
 from calibrant.detect.detection import Detection, Grey
-from calibrant.detect.marker_search import Effort, find_quads_at
 from calibrant.detect.opencv import Markers
 from calibrant.targets.charuco import Charuco
 from calibrant.targets.dictionaries import DICTIONARIES
+
+Array = NDArray[np.float64]
 
 # One of each family: the smaller dictionaries of a size are the first markers of its largest.
 _FAMILIES = (
@@ -25,15 +27,12 @@ _FAMILIES = (
 )
 # Small dictionaries are misread in texture now and then; three different markers of one are no accident.
 _LEAST_OTHER_MARKERS = 3
-# A board of another dictionary is named from an image of about this many pixels along its longer side: it is looked for
-# in every picture without the board, and must cost little there.
-_LOOK_SIDE_PX = 800
 
 
-def why_not_found(grey: Grey, target: Charuco, markers: Markers) -> Detection:
+def why_not_found(grey: Grey, target: Charuco, markers: Markers, quads: Array) -> Detection:
     """No points, and the reason in words.
 
-    Args: markers, the most that were read of the target's dictionary.
+    Args: markers, the most that were read of the target's dictionary; quads (n, 4, 2) px, where others may be read.
     """
     ids = np.unique(markers.ids)
     last = target.marker_count - 1
@@ -54,7 +53,7 @@ def why_not_found(grey: Grey, target: Charuco, markers: Markers) -> Detection:
         return Detection.nothing(
             f"only {on_board} of the board's {last + 1} markers seen, two that touch the same corners are needed"
         )
-    other = _other_dictionary(grey, target)
+    other = _other_dictionary(grey, target, quads)
     if other is not None:
         return Detection.nothing(
             f"markers of {other} seen, you asked for {target.dictionary}",
@@ -63,9 +62,8 @@ def why_not_found(grey: Grey, target: Charuco, markers: Markers) -> Detection:
     return Detection.nothing(f"no markers of {target.dictionary} seen")
 
 
-def _other_dictionary(grey: Grey, target: Charuco) -> str | None:
+def _other_dictionary(grey: Grey, target: Charuco, quads: Array) -> str | None:
     """The dictionary most of whose markers are in the picture, the smallest that holds their ids; None without one."""
-    quads = find_quads_at(grey, Effort(max(1, round(max(grey.shape) / _LOOK_SIDE_PX))))
     found = {name: read_codes(grey, quads, name) for name in _FAMILIES}
     counts = {name: len(np.unique(markers.ids)) for name, markers in found.items() if len(markers)}
     if not counts or max(counts.values()) < _LEAST_OTHER_MARKERS:

@@ -76,6 +76,8 @@ def _outlines(ids: NDArray[np.int64], corners: Array, step: Array) -> NDArray[np
 
     A wide border is flat in its middle, and the end of what is steep has an outline of its own.
     """
+    if len(ids) < 2:
+        return np.ones(len(ids), dtype=bool)
     centre = corners.mean(axis=1)
     reach = SAME_PLACE * np.linalg.norm(corners[:, 2] - corners[:, 0], axis=1)
     same = (ids[:, None] == ids) & (np.linalg.norm(centre[:, None] - centre, axis=2) < reach[:, None])

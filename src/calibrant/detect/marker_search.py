@@ -36,14 +36,14 @@ class Effort:
 
 
 def efforts(shape: tuple[int, ...], coarse_side_px: int, ink: Ink = "dark", *, part: float = MIDDLE) -> list[Effort]:
-    """From the cheapest to the most thorough: smaller copies first, then faint edges, then the other ink."""
+    """From the cheapest to the most thorough: smaller copies first, then faint edges."""
     factor = max(1, round(max(shape) / coarse_side_px))
     factors = [factor]
     while factors[-1] > 1:
         factors.append(factors[-1] // 2)
     # Where edges are faint noise is as strong as they are, except in a smaller copy.
     clear = [Effort(f, CLEAR, ink, part) for f in factors]
-    return [*clear, Effort(factor, FAINT, ink, part), Effort(factor, CLEAR, _other(ink), part)]
+    return [*clear, Effort(factor, FAINT, ink, part)]
 
 
 def find_quads_at(grey: Grey, effort: Effort) -> np.ndarray:
@@ -63,7 +63,3 @@ def find_markers(grey: Grey, name: str, effort: Effort, *, border: int = 1) -> M
     Their corners are good to half a pixel of the smaller picture.
     """
     return read_codes(grey, find_quads_at(grey, effort), name, border=border)
-
-
-def _other(ink: Ink) -> Ink:
-    return "light" if ink == "dark" else "dark"

@@ -85,3 +85,30 @@ def test_points_of_another_board_are_not_mixed_up(calibrant, found: Path) -> Non
     outcome = calibrant("intrinsics", "--observations", found, "--target", "chessboard:7x6:25mm")
     assert outcome.status == 2
     assert "points of chessboard:7x6:30mm, --target says chessboard:7x6:25mm" in outcome.err
+
+
+@pytest.mark.parametrize("options", [("--refine", "radon"), ("--refine", "foerstner", "--window", "30%")])
+def test_corners_are_measured_as_asked(calibrant, cell, tmp_path: Path, options: tuple[str, ...]) -> None:
+    both = []
+    for name, given in (("ours", ()), ("other", options)):
+        out = tmp_path / f"{name}.json"
+        assert calibrant("detect", *cell.photos, "--target", TARGET, "--out", out, *given).status == 0
+        both.append({(v.id, int(i)): uv for v in read_observations(out).views for i, uv in zip(v.point_ids, v.uv)})
+    away = [np.linalg.norm(both[0][key] - both[1][key]) for key in both[0].keys() & both[1].keys()]
+    assert len(away) > 300
+    # Another method, the same corners: a tenth of a pixel is what small pictures with noise leave.
+    assert 0 < np.median(away) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--refine", "harris"), "there are: saddle, foerstner, radon"),
+        (("--window", "40"), "such as 40%"),
+        (("--zero-zone", "1"), "such as 1.0px"),
+    ],
+)
+def test_bad_refinements_are_named(calibrant, cell, options: tuple[str, ...], words: str) -> None:
+    outcome = calibrant("detect", *cell.photos[:1], "--target", TARGET, *options)
+    assert outcome.status == 2
+    assert words in outcome.err

@@ -43,20 +43,6 @@ def test_a_smaller_image_gives_pixels_of_the_full_one() -> None:
     np.testing.assert_allclose(half.corners, full.corners, atol=2 * 3.6)
 
 
-def test_several_dictionaries_in_one_search() -> None:
-    image = np.full((200, 420), 255, np.uint8)
-    for x, name in ((30, "DICT_4X4_50"), (230, "DICT_APRILTAG_36h11")):
-        cells = opencv.marker_cells(name, 3)
-        drawn = np.kron(cells.astype(np.uint8) * 255, np.ones((14, 14), np.uint8))
-        image[40 : 40 + len(drawn), x : x + len(drawn)] = drawn
-    found = opencv.find_markers_of(image, ("DICT_5X5_1000", "DICT_4X4_1000", "DICT_APRILTAG_36h11"))
-    assert {name: markers.ids.tolist() for name, markers in found.items()} == {
-        "DICT_4X4_1000": [3],
-        "DICT_APRILTAG_36h11": [3],
-    }
-    assert opencv.find_markers_of(np.full((90, 90), 9, np.uint8), ("DICT_4X4_50", "DICT_5X5_50")) == {}
-
-
 def test_samples_are_bilinear_with_pixel_centres_at_whole_numbers() -> None:
     image = np.array([[0, 100], [200, 40]], np.uint8)
     values = opencv.sample(image, np.array([[[0.0, 0.0], [1.0, 0.0], [0.5, 0.0], [0.5, 0.5], [-3.0, 0.0]]]))

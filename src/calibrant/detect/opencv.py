@@ -21,11 +21,7 @@ from calibrant.targets.dictionaries import dictionary_name
 Array = NDArray[np.float64]
 
 # Search windows of the adaptive threshold, pixels: a few pixels find thin and small borders, 23 find wide ones.
-FINE_WINDOWS = (7,)
-MIDDLE_WINDOWS = (13,)
 ALL_WINDOWS = (7, 23)
-# Grey levels below the window's mean that count as ink: OpenCV's own choice.
-CONTRAST = 7
 
 
 VERSION = tuple(int(n) for n in cv2.__version__.split(".")[:2])
@@ -72,19 +68,14 @@ def marker_cells(name: str, marker_id: int) -> NDArray[np.bool_]:
 
 
 @lru_cache(maxsize=64)
-def _detector(names: tuple[str, ...], windows: tuple[int, ...], border: int = 1, contrast: int = CONTRAST) -> Any:
+def _detector(name: str, windows: tuple[int, ...]) -> Any:
     parameters = cv2.aruco.DetectorParameters()
     parameters.adaptiveThreshWinSizeMin = windows[0]
     parameters.adaptiveThreshWinSizeMax = windows[-1]
     parameters.adaptiveThreshWinSizeStep = max(windows[-1] - windows[0], 1)
     # Negatives cost next to nothing to read along, and a user who forgot to say so gets told.
     parameters.detectInvertedMarker = True
-    parameters.markerBorderBits = border
-    parameters.adaptiveThreshConstant = contrast
-    detector = cv2.aruco.ArucoDetector(dictionary(names[0]), parameters)
-    if len(names) > 1:
-        detector.setDictionaries([dictionary(name) for name in names])
-    return detector
+    return cv2.aruco.ArucoDetector(dictionary(name), parameters)
 
 
 def shrink(grey: Grey, factor: int) -> Grey:
@@ -96,35 +87,15 @@ def shrink(grey: Grey, factor: int) -> Grey:
     return np.asarray(cv2.resize(cropped, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
-def find_markers(
-    grey: Grey,
-    name: str,
-    *,
-    factor: int = 1,
-    windows: tuple[int, ...] = ALL_WINDOWS,
-    border: int = 1,
-    contrast: int = CONTRAST,
-) -> Markers:
-    """Markers of a dictionary, upright or as a negative, searched in the image made smaller by `factor`.
+def find_markers(grey: Grey, name: str, *, factor: int = 1, windows: tuple[int, ...] = ALL_WINDOWS) -> Markers:
+    """Markers by OpenCV's own detector, the one to compare with, in the image made smaller by `factor`.
 
     Pixel (0, 0) is the centre of the top left pixel at either size: u_full = factor * (u_small + 1/2) - 1/2.
     The corners are rough: those of contours, inside wide borders by up to half a window.
-    Args: border: width of the black border, cells; contrast: grey levels below the window's mean that count as ink.
     """
-    corners, ids, _ = _detector((name,), windows, border, contrast).detectMarkers(shrink(grey, factor))
+    corners, ids, _ = _detector(name, windows).detectMarkers(shrink(grey, factor))
     found = Markers.of(corners, ids)
     return Markers(found.ids, factor * (found.corners + 0.5) - 0.5)
-
-
-def find_markers_of(grey: Grey, names: tuple[str, ...], *, factor: int = 1) -> dict[str, Markers]:
-    """Markers of several dictionaries in one search, by dictionary; those without a marker are left out."""
-    corners, ids, _, which = _detector(names, FINE_WINDOWS).detectMarkersMultiDict(shrink(grey, factor))
-    found = Markers.of(corners, ids)
-    if len(found) == 0:
-        return {}
-    found = Markers(found.ids, factor * (found.corners + 0.5) - 0.5)
-    index = np.asarray(which, np.int64).ravel()
-    return {name: found.subset(index == i) for i, name in enumerate(names) if np.any(index == i)}
 
 
 def sample(grey: Grey, uv: Array) -> Array:

@@ -33,7 +33,7 @@ from calibrant.geometry import se3, so3
 from calibrant.optimize import Problem, Solution, solve
 from calibrant.optimize.problem import Values
 from calibrant.robots.arms import arm
-from calibrant.simulate.robot_errors import measure, simulate_arm
+from calibrant.simulate.robot_errors import SimulatedArm, measure, simulate_arm
 from calibrant.simulate.scenes import grid, hand_eye_scene, intrinsics_scene, look_at_board, standard_camera
 
 
@@ -43,7 +43,7 @@ def intrinsics(seed: int) -> Solution:
 
 def shaped(kind: str) -> Callable[[int], Solution]:
     def build(seed: int) -> Solution:
-        scene = intrinsics_scene(7, seed=seed, columns=4, rows=4, square=0.06)
+        scene = intrinsics_scene(7, seed=seed, columns=5, rows=4, square=0.06)
         kept = calibrate_keeping(scene.observations, fix=("k3",))
         flat = Flat(kept.solution, kept.views, stack(kept.views), kept.result.camera.model)
         return shape_of(kind)(flat).solution
@@ -87,21 +87,20 @@ def pairs(seed: int) -> Solution:
 
 
 def kinematics(seed: int) -> Solution:
+    model, free, simulated = worn_arm()
     rng = np.random.default_rng(seed)
-    simulated = simulate_arm(arm("ur5e"), rng, sigma_mm=0.5, sigma_deg=0.1)
     measurements = measure(simulated, simulated.draw_joints(rng, 20), rng, sigma_mm=0.05, sigma_deg=0.01)
-    model, free = nominal_arm()
     return solve(model_problem(model, measurements, free))
 
 
 @cache
-def nominal_arm() -> tuple[RobotModel, np.ndarray]:
-    """The arm as drawn, and the parameters that such measurements determine: the same for every seed."""
+def worn_arm() -> tuple[RobotModel, np.ndarray, SimulatedArm]:
+    """The arm as drawn, the parameters that twenty measurements determine, and the arm as it is."""
     rng = np.random.default_rng(100)
     simulated = simulate_arm(arm("ur5e"), rng, sigma_mm=0.5, sigma_deg=0.1)
     measurements = measure(simulated, simulated.draw_joints(rng, 20), rng, sigma_mm=0.05, sigma_deg=0.01)
-    found = calibrate_kinematics(measurements, simulated.nominal)
-    return found.nominal, np.array([p.sigma is not None for p in found.parameters])
+    found = calibrate_kinematics(measurements, simulated.nominal, identify=("offsets",))
+    return found.nominal, np.array([p.sigma is not None for p in found.parameters]), simulated
 
 
 SHAPES: dict[str, Callable[[int], Solution]] = {
@@ -143,7 +142,11 @@ def test_cost_equals_scipys(shape: str) -> None:
         def residuals(x: np.ndarray, problem: Problem = problem, sigmas: dict[str, float] = sigmas) -> np.ndarray:
             return whitened(problem, moved(problem, x), sigmas)
 
-        theirs = least_squares(
-            residuals, np.zeros(problem.free_count), x_scale="jac", xtol=1e-15, ftol=1e-15, gtol=1e-15, max_nfev=200
-        )
-        assert ours.cost == pytest.approx(theirs.cost, rel=1e-8)
+        x, cost = np.zeros(problem.free_count), np.inf
+        # Its differences stop it a little early: from there once more, until the cost is still.
+        for _ in range(5):
+            theirs = least_squares(residuals, x, x_scale="jac", xtol=1e-15, ftol=1e-15, gtol=1e-15, max_nfev=100)
+            x, before, cost = theirs.x, cost, theirs.cost
+            if before - cost < 1e-10 * cost:
+                break
+        assert ours.cost == pytest.approx(cost, rel=1e-8)

@@ -99,7 +99,7 @@ def worn_arm() -> tuple[RobotModel, np.ndarray, SimulatedArm]:
     rng = np.random.default_rng(100)
     simulated = simulate_arm(arm("ur5e"), rng, sigma_mm=0.5, sigma_deg=0.1)
     measurements = measure(simulated, simulated.draw_joints(rng, 20), rng, sigma_mm=0.05, sigma_deg=0.01)
-    found = calibrate_kinematics(measurements, simulated.nominal, identify=("offsets",))
+    found = calibrate_kinematics(measurements, simulated.nominal)
     return found.nominal, np.array([p.sigma is not None for p in found.parameters]), simulated
 
 

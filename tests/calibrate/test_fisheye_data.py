@@ -65,7 +65,7 @@ def test_other_wide_models_are_as_good(model: str, parts: tuple[Observations, Ob
     assert rms(result.camera, parts[1]) <= rms(unified, parts[1])
 
 
-@pytest.mark.parametrize("model", ["pinhole", "brown"])
+@pytest.mark.parametrize("model", ["pinhole", "brown", "rational", "thin_prism", "tilted"])
 def test_perspective_models_are_refused_in_words(model: str, parts: tuple[Observations, Observations]) -> None:
     with pytest.raises(RefusedError, match=r"degrees from the axis.*kannala_brandt"):
         calibrate_intrinsics(parts[0], model=model)

@@ -247,6 +247,7 @@ def _result(
             "or fix parameters"
         )
     if solution.unobservable:
+        refuse_wide_lens(kind, fit.stacked, image_size)
         raise RefusedError(
             "the views cannot determine the camera: "
             + "; ".join(u.message for u in solution.unobservable[:3])

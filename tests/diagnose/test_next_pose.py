@@ -123,7 +123,9 @@ def test_information_of_the_taken_views_is_the_calibration(cell: Cell) -> None:
     C = np.linalg.inv(known.information)
     covariance = result.transforms[0].covariance
     assert covariance is not None
-    np.testing.assert_allclose(C[:6, :6], covariance, rtol=1e-2, atol=1e-3 * np.abs(covariance).max())
+    # The stated covariance also holds what the noise levels are uncertain by: a few percent more, never less.
+    ratios = np.linalg.eigvals(np.linalg.solve(C[:6, :6], covariance)).real
+    assert 0.99 < ratios.min() <= ratios.max() < 1.25
     # The same from nothing and the views: the prior of 1 rad and 1 m weighs nothing beside 15 views.
     empty = nothing_known(known.setup, known.X, known.Z, known.camera, known.noise)
     B = np.array([v.T_camera_target for v in result.views])

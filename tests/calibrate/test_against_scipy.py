@@ -10,13 +10,10 @@ import pytest
 from scipy.optimize import least_squares
 
 from calibrant.calibrate.hand_eye.joint import (
-    LOOP_ROTATION,
-    LOOP_TRANSLATION,
     PIXEL,
     ROBOT_ROTATION,
     ROBOT_TRANSLATION,
     image_problem,
-    pose_problem,
     prior_camera,
 )
 from calibrant.calibrate.hand_eye.setup import get_setup
@@ -24,6 +21,7 @@ from calibrant.calibrate.intrinsics import calibrate_keeping
 from calibrant.calibrate.kinematics.identify import calibrate_kinematics
 from calibrant.calibrate.kinematics.model import RobotModel
 from calibrant.calibrate.kinematics.problem import model_problem
+from calibrant.calibrate.pose_pairs import TARGET_ROTATION, TARGET_TRANSLATION, pose_pair_problem
 from calibrant.calibrate.reprojection import stack
 from calibrant.calibrate.rig import fit_rig
 from calibrant.calibrate.target_shape import Flat, shape_of
@@ -79,9 +77,9 @@ def images(seed: int) -> Solution:
 def pairs(seed: int) -> Solution:
     setup = get_setup(("eye-in-hand", "eye-to-hand")[seed % 2])
     scene = hand_eye_scene("noisy", setup=setup.name, seed=seed, views=6)
-    problem = pose_problem(
+    problem = pose_pair_problem(
         setup, scene.robot_poses.T_base_gripper, scene.measured_T_camera_target,
-        X=scene.X, Z=scene.Z, sigmas={LOOP_ROTATION: 1e-3, LOOP_TRANSLATION: 1e-3}, free_scale=True,
+        X=scene.X, Z=scene.Z, sigmas={TARGET_ROTATION: 1e-3, TARGET_TRANSLATION: 1e-3}, free_scale=True,
     )  # fmt: skip
     return solve(problem)
 
@@ -89,7 +87,7 @@ def pairs(seed: int) -> Solution:
 def kinematics(seed: int) -> Solution:
     model, free, simulated = worn_arm()
     rng = np.random.default_rng(seed)
-    measurements = measure(simulated, simulated.draw_joints(rng, 20), rng, sigma_mm=0.05, sigma_deg=0.01)
+    measurements = measure(simulated, simulated.draw_joints(rng, 8), rng, sigma_mm=0.05, sigma_deg=0.01)
     return solve(model_problem(model, measurements, free))
 
 

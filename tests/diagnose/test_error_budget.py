@@ -14,6 +14,7 @@ from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult
 from calibrant.diagnose.error_budget import (
     INTRINSICS,
+    LOOP_SOURCES,
     PIXELS,
     ROBOT_ROTATION,
     ROBOT_TRANSLATION,
@@ -72,7 +73,7 @@ def test_pose_pairs_have_a_budget_too() -> None:
     covariance = result.transforms[0].covariance
     assert covariance is not None
     assert_levels_explain(budget.covariance[:6, :6], covariance)
-    assert set(budget.sources) == {"loop rotation", "loop translation", TARGET}
+    assert set(budget.sources) == {*LOOP_SOURCES.values(), TARGET}
 
 
 def test_each_noise_source_scales_with_its_own_level_alone() -> None:

@@ -6,10 +6,10 @@ C = H_xx^-1 the covariance of x for known c, and G = -C H_xc the shift of x that
 
     Cov(x, c) = sum_k [C S_k C, 0; 0, 0]  +  sum_c [G_c; I] Cov(c) [G_c; I]^T
 
-S_k is what noise source k (pixels, robot rotation, robot translation) puts into H_xx. For a view whose robot pose has
-the normal block H_rr + Lambda, with K = (H_rr + Lambda)^-1 H_rs, completing the square gives S exactly as
+S_k is what noise source k (pixels, robot rotation, robot translation) puts into H_xx. For a view whose robot pose r has
+the normal block H_rr (all sources), with K = H_rr^-1 H_rs, completing the square gives S exactly as a sum over sources,
 
-    S = [I; -K]^T H_pixels [I; -K] + K^T Lambda_rotation K + K^T Lambda_translation K.
+    S = sum_k [I; -K]^T H_k [I; -K].
 
 The first sum is the share of the noise, the second the share of intrinsics and target size. Cov(camera) is the one the
 calibration ended with, whether the same images made it or it was given.
@@ -24,8 +24,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.joint import FLOORS, LOOP_ROTATION, LOOP_TRANSLATION, pose_problem
+from calibrant.calibrate.hand_eye.joint import FLOORS
 from calibrant.calibrate.hand_eye.setup import Setup, get_setup
+from calibrant.calibrate.pose_pairs import (
+    FLANGE_ROTATION,
+    SCALE,
+    TARGET_ROTATION,
+    TARGET_TRANSLATION,
+    pose_pair_problem,
+)
 from calibrant.calibrate.reprojection import ReprojectionFactor, TargetModes, stack
 from calibrant.calibrate.weights import completed
 from calibrant.cameras import Camera
@@ -40,8 +47,15 @@ Array = NDArray[np.float64]
 
 PIXELS, ROBOT_ROTATION, ROBOT_TRANSLATION = "pixels", "robot rotation", "robot translation"
 INTRINSICS, TARGET = "intrinsics", "target"
-LOOP_SOURCES = {LOOP_ROTATION: "loop rotation", LOOP_TRANSLATION: "loop translation"}
-"""Measured target poses do not tell pixels from robot: the loop has a noise of rotation and one of translation."""
+LOOP_SOURCES = {
+    TARGET_ROTATION: "target rotation",
+    FLANGE_ROTATION: "flange rotation",
+    TARGET_TRANSLATION: "positions of flange and target",
+}
+"""Measured target poses do not tell pixels from robot, nor whose positions are noisy (see `calibrate.pose_pairs`)."""
+
+ROBOT = slice(6, 12)
+"""Where a view's robot pose stands among its unknowns: after X, before Z, camera and target scale."""
 
 TARGET_SIGMA = 5e-4
 """Relative 1 sigma of a target's size unless stated: 0.1 mm on 200 mm, what a ruler on a print tells."""
@@ -103,19 +117,28 @@ def view_information(
     values = (np.tile(X, (n, 1, 1)), T_base_gripper, np.tile(Z, (n, 1, 1)), np.tile(camera.values, (n, 1)))
     blocks = factor.blocks([*values, np.zeros((n, 1))], sigma=noise.pixel)
     H = _stacked(blocks, (6, 6, 6, k, 1))
-    robot = np.arange(6, 12)
-    shared = np.r_[0:6, 12 : H.shape[-1]]
-    prior = np.repeat([noise.robot_rotation**-2, noise.robot_translation**-2], 3)
-    K = np.linalg.solve(H[:, robot[:, None], robot] + np.diag(prior), H[:, robot[:, None], shared])
-    lift = np.zeros((n, H.shape[-1], len(shared)))
-    lift[:, shared, np.arange(len(shared))] = 1.0
-    lift[:, robot] = -K
-    Kt = np.swapaxes(K, -1, -2)
-    return {
-        PIXELS: np.swapaxes(lift, -1, -2) @ H @ lift,
-        ROBOT_ROTATION: Kt[..., :3] @ K[:, :3] * prior[0],
-        ROBOT_TRANSLATION: Kt[..., 3:] @ K[:, 3:] * prior[3],
+    robot = {
+        ROBOT_ROTATION: np.diag([noise.robot_rotation**-2] * 3 + [0.0] * 3),
+        ROBOT_TRANSLATION: np.diag([0.0] * 3 + [noise.robot_translation**-2] * 3),
     }
+    return _without_robot({PIXELS: H} | {name: _widened(L, H.shape) for name, L in robot.items()})
+
+
+def _widened(prior: Array, shape: tuple[int, ...]) -> Array:
+    """Information about the robot's pose alone, (6, 6), at its place among all unknowns."""
+    out = np.zeros(shape)
+    out[:, ROBOT, ROBOT] = prior
+    return out
+
+
+def _without_robot(information: Mapping[str, Array]) -> dict[str, Array]:
+    """Information (n, m, m) by source with each view's robot pose eliminated: L^T H_k L, L = [I; -K] (see above)."""
+    H = np.sum(list(information.values()), axis=0)
+    shared = np.r_[0 : ROBOT.start, ROBOT.stop : H.shape[-1]]
+    lift = np.zeros((len(H), H.shape[-1], len(shared)))
+    lift[:, shared, np.arange(len(shared))] = 1.0
+    lift[:, ROBOT] = -np.linalg.solve(H[:, ROBOT, ROBOT], H[:, ROBOT][..., shared])
+    return {name: np.swapaxes(lift, -1, -2) @ S @ lift for name, S in information.items()}
 
 
 def error_budget(result: CalibrationResult, *, target_sigma: float = TARGET_SIGMA) -> ErrorBudget:
@@ -217,19 +240,18 @@ def _of_pose_pairs(result: CalibrationResult, setup: Setup, X: Array, Z: Array, 
         raise InputError("the result holds neither observations nor target poses; calibrate again with this version")
     use = np.array([v.used for v in result.views]) if result.views else np.ones(len(result.robot_poses), dtype=bool)
     robot, B = result.robot_poses.T_base_gripper[use], result.T_camera_target[use]
-    start = {LOOP_ROTATION: 1e-3, LOOP_TRANSLATION: 1e-3}
-    problem = pose_problem(setup, robot, B, X=X, Z=Z, sigmas=start)
+    start = {TARGET_ROTATION: 1e-3, TARGET_TRANSLATION: 1e-3}
+    problem = pose_pair_problem(setup, robot, B, X=X, Z=Z, sigmas=start)
     solution = estimate_noise(problem, floors=FLOORS).solution
-    totals = {}
+    information = {name: np.zeros((len(B), 19, 19)) for name in LOOP_SOURCES.values()}
     for k, factor in enumerate(problem.factors):
-        values = problem.gather(k, solution.values)
-        blocks = factor.blocks(values, sigma=problem.sigma(factor, solution.sigmas))
-        sizes = (6, 6, 6) if len(factor.variables) == 3 else (6, 6, 6, 1)
-        H = _stacked(blocks, sizes).sum(axis=0)
-        wide = np.zeros((19, 19))
-        wide[: len(H), : len(H)] = H
-        shared = np.r_[0:6, 12:19]
-        totals[LOOP_SOURCES[factor.noise]] = wide[np.ix_(shared, shared)]
+        blocks = factor.blocks(problem.gather(k, solution.values), sigma=problem.sigma(factor, solution.sigmas))
+        sizes = [1 if name == SCALE else 6 for name in factor.variables]
+        H = information[LOOP_SOURCES[factor.noise]]
+        begin = ROBOT.start if len(sizes) == 1 else 0
+        end = begin + sum(sizes)
+        H[:, begin:end, begin:end] += _stacked(blocks, sizes)
+    totals = {name: S.sum(axis=0) for name, S in _without_robot(information).items()}
     notes = ("Made from target poses: pixels, intrinsics and robot are one noise of the loop.",)
     return ErrorBudget(setup, X, Z, None, None, _sources(totals, {}, target_sigma), target_sigma, notes)
 
@@ -267,7 +289,7 @@ def _inverse(H: Array) -> Array:
     return inverse * scale[:, None] * scale
 
 
-def _stacked(blocks: FactorBlocks, sizes: tuple[int, ...]) -> Array:
+def _stacked(blocks: FactorBlocks, sizes: Sequence[int]) -> Array:
     """Hessian blocks of a factor's slots as one matrix an edge, (m, sum sizes, sum sizes)."""
     starts = np.concatenate([[0], np.cumsum(sizes)])
     m = len(blocks.gradient[0])

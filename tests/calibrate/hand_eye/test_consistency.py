@@ -6,10 +6,12 @@ import numpy as np
 
 from calibrant.calibrate.hand_eye.consistency import inconsistent_views, loop_statistics
 from calibrant.calibrate.hand_eye.held_out import leave_out
-from calibrant.calibrate.hand_eye.joint import FLOORS, LOOP_ROTATION, LOOP_TRANSLATION, held_camera, pose_problem
+from calibrant.calibrate.hand_eye.joint import FLOORS, held_camera
 from calibrant.calibrate.hand_eye.setup import get_setup
 from calibrant.calibrate.hand_eye.views import from_target_poses
+from calibrant.calibrate.pose_pairs import TARGET_ROTATION, TARGET_TRANSLATION, pose_pair_problem
 from calibrant.data import RobotPoses
+from calibrant.geometry import se3
 from calibrant.optimize.noise import NoiseEstimate, estimate_noise
 from calibrant.simulate.scenes import HandEyeScene, hand_eye_scene
 
@@ -18,9 +20,11 @@ SCENE = hand_eye_scene("good", setup="eye-to-hand", views=15)
 
 
 def fitted(scene: HandEyeScene, T_base_gripper: np.ndarray) -> NoiseEstimate:
-    sigmas = {LOOP_ROTATION: 1e-3, LOOP_TRANSLATION: 1e-3}
+    sigmas = {TARGET_ROTATION: 1e-3, TARGET_TRANSLATION: 1e-3}
     B = scene.measured_T_camera_target
-    return estimate_noise(pose_problem(SETUP, T_base_gripper, B, X=scene.X, Z=scene.Z, sigmas=sigmas), floors=FLOORS)
+    return estimate_noise(
+        pose_pair_problem(SETUP, T_base_gripper, B, X=scene.X, Z=scene.Z, sigmas=sigmas), floors=FLOORS
+    )
 
 
 def test_noise_alone_condemns_no_view() -> None:
@@ -44,7 +48,8 @@ def test_a_pose_kept_out_is_predicted_worse_than_it_is_fitted_but_not_by_much() 
     robot, B = SCENE.robot_poses.T_base_gripper, SCENE.measured_T_camera_target
     noise = fitted(SCENE, robot)
     errors = leave_out(SETUP, robot, B, None, held_camera(SCENE.camera), noise.solution, noise.solution.sigmas)
-    fit = 1e3 * np.linalg.norm(noise.solution.residuals("loop translation"), axis=1)
+    X, Z = (noise.solution.value(name)[0] for name in (SETUP.camera_transform, SETUP.target_transform))
+    fit = 1e3 * np.linalg.norm(se3.local(Z, SETUP.normal_form(robot) @ X @ B)[:, 3:], axis=1)
     ratio = np.sqrt(np.mean(errors.mm**2)) / np.sqrt(np.mean(fit**2))
     assert errors.px is None
     # About 1 + 6 / n for n = 15 views.

@@ -17,15 +17,11 @@ from calibrant.calibrate.hand_eye.consistency import inconsistent_views
 from calibrant.calibrate.hand_eye.held_out import leave_out
 from calibrant.calibrate.hand_eye.joint import (
     FLOORS,
-    LOOP_ROTATION,
-    LOOP_TRANSLATION,
     PIXEL,
     ROBOT_ROTATION,
     ROBOT_TRANSLATION,
-    SCALE,
     CameraRole,
     image_problem,
-    pose_problem,
 )
 from calibrant.calibrate.hand_eye.loops import loop_errors
 from calibrant.calibrate.hand_eye.motion import MotionReport, motion_report
@@ -44,6 +40,7 @@ from calibrant.calibrate.hand_eye.views import (
     from_target_poses,
 )
 from calibrant.calibrate.outliers import mark, points_reason
+from calibrant.calibrate.pose_pairs import SCALE, TARGET_ROTATION, TARGET_TRANSLATION, pose_pair_problem
 from calibrant.calibrate.provenance import refuse_if_failed, stamp
 from calibrant.cameras import Camera
 from calibrant.data import (
@@ -175,7 +172,7 @@ def _problem(
 ) -> Problem:
     robot = data.T_base_gripper[data.use]
     if views is None or role is None:
-        return pose_problem(setup, robot, data.B[data.use], X=X, Z=Z, sigmas=sigmas, free_scale=free_scale)
+        return pose_pair_problem(setup, robot, data.B[data.use], X=X, Z=Z, sigmas=sigmas, free_scale=free_scale)
     return image_problem(setup, views, robot, role, X=X, Z=Z, sigmas=sigmas, free_scale=free_scale)
 
 
@@ -185,7 +182,7 @@ def _refine(setup: Setup, data: HandEyeViews, seed: Seed, role: CameraRole | Non
     rotation = max(np.deg2rad(seed.loop.median_deg), LEAST_SIGMA_START)
     translation = max(1e-3 * seed.loop.median_mm, LEAST_SIGMA_START)
     sigmas = (
-        {LOOP_ROTATION: rotation, LOOP_TRANSLATION: translation}
+        {TARGET_ROTATION: rotation, TARGET_TRANSLATION: translation}
         if role is None
         else {PIXEL: sigma_px, ROBOT_ROTATION: rotation / 2, ROBOT_TRANSLATION: translation / 2}
     )

@@ -12,15 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.calibrate.chain import Link, link_maps
-from calibrant.calibrate.hand_eye.joint import (
-    LOOP_ROTATION,
-    LOOP_TRANSLATION,
-    PIXEL,
-    ROBOT_ROTATION,
-    ROBOT_TRANSLATION,
-)
+from calibrant.calibrate.hand_eye.joint import PIXEL, ROBOT_ROTATION, ROBOT_TRANSLATION
 from calibrant.calibrate.hand_eye.setup import Setup
 from calibrant.calibrate.hand_eye.views import HandEyeViews
+from calibrant.calibrate.pose_pairs import FLANGE_ROTATION, TARGET_ROTATION, TARGET_TRANSLATION
 from calibrant.geometry import se3
 from calibrant.optimize.noise import NoiseEstimate
 
@@ -52,7 +47,8 @@ def loop_statistics(setup: Setup, data: HandEyeViews, noise: NoiseEstimate) -> t
     to_A, _, to_B = link_maps(chain, values)
     levels = solution.sigmas
     if data.views is None:
-        of_A, of_B = np.zeros((6, 6)), _diagonal(levels[LOOP_ROTATION], levels[LOOP_TRANSLATION])
+        of_A = _diagonal(levels[FLANGE_ROTATION], levels[TARGET_TRANSLATION])
+        of_B = _diagonal(levels[TARGET_ROTATION], levels[TARGET_TRANSLATION])
     else:
         of_A = _diagonal(levels[ROBOT_ROTATION], levels[ROBOT_TRANSLATION])
         of_B = data.covariance[use] * levels[PIXEL] ** 2

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.joint import CameraRole, image_problem, pose_problem
+from calibrant.calibrate.hand_eye.joint import CameraRole, image_problem
 from calibrant.calibrate.hand_eye.setup import Setup
+from calibrant.calibrate.pose_pairs import pose_pair_problem
 from calibrant.cameras import Camera
 from calibrant.data import HeldOut, View
 from calibrant.geometry import se3
@@ -83,8 +84,10 @@ def _fit_without(
     X, Z = fit.value(setup.camera_transform)[0], fit.value(setup.target_transform)[0]
     keep = ~out
     if views is None:
-        problem = pose_problem(setup, T_base_gripper[keep], B[keep], X=X, Z=Z, sigmas=sigmas)
-        solution = solve(problem, options=CLOSE_ENOUGH)
+        problem = pose_pair_problem(setup, T_base_gripper[keep], B[keep], X=X, Z=Z, sigmas=sigmas)
+        start = list(problem.start)
+        start[problem.variable_index("T_base_gripper")] = fit.value("T_base_gripper")[keep]
+        solution = solve(problem, start=tuple(start), options=CLOSE_ENOUGH)
         camera = role.camera
     else:
         kept = [v for v, k in zip(views, keep) if k]

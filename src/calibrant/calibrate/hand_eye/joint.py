@@ -7,7 +7,7 @@ over X, Z, the robot's true poses A_i, and the camera when the same images made 
 Assuming the robot exact (no correction) is worse than a closed form as soon as the robot's noise outweighs the
 pixels'; the noise levels that decide this are estimated with the rest (`optimize.noise`).
 
-    poses alone   the loop's rotation and translation against the measured B_i, two noise levels.
+Measured target poses in place of images: `calibrate.pose_pairs`.
 """
 
 from __future__ import annotations
@@ -20,21 +20,26 @@ from numpy.typing import NDArray
 
 from calibrant.calibrate.chain import Link
 from calibrant.calibrate.hand_eye.setup import Setup
-from calibrant.calibrate.pose_pairs import ChainRotation, ChainTranslation
+from calibrant.calibrate.pose_pairs import FLANGE_ROTATION, SCALE, TARGET_ROTATION, TARGET_TRANSLATION
 from calibrant.calibrate.reprojection import ReprojectionFactor, TargetModes, stack
 from calibrant.cameras import Camera
 from calibrant.data import View
 from calibrant.optimize.factors import Factor, RotationPrior, TranslationPrior, VectorPrior
-from calibrant.optimize.manifolds import SE3, Euclidean, Positive, Variable
+from calibrant.optimize.manifolds import SE3, Euclidean, Variable
 from calibrant.optimize.problem import Problem
 
 Array = NDArray[np.float64]
 
 PIXEL, ROBOT_ROTATION, ROBOT_TRANSLATION = "pixel", "robot rotation", "robot translation"
-LOOP_ROTATION, LOOP_TRANSLATION = "target rotation", "target translation"
-SCALE = "target scale"
 
-FLOORS = {PIXEL: 1e-4, ROBOT_ROTATION: 1e-6, ROBOT_TRANSLATION: 1e-7, LOOP_ROTATION: 1e-9, LOOP_TRANSLATION: 1e-10}
+FLOORS = {
+    PIXEL: 1e-4,
+    ROBOT_ROTATION: 1e-6,
+    ROBOT_TRANSLATION: 1e-7,
+    TARGET_ROTATION: 1e-9,
+    TARGET_TRANSLATION: 1e-10,
+    FLANGE_ROTATION: 1e-9,
+}
 """Noise worth telling from none: pixels, radians, metres. No detector or robot comes within 100 times of these."""
 
 
@@ -125,29 +130,3 @@ def image_problem(
             )
         )
     return Problem(tuple(variables), tuple(factors), sigmas)
-
-
-def pose_problem(
-    setup: Setup,
-    T_base_gripper: Array,
-    B: Array,
-    *,
-    X: Array,
-    Z: Array,
-    sigmas: Mapping[str, float],
-    free_scale: bool = False,
-) -> Problem:
-    """The problem over pose pairs."""
-    n = len(B)
-    chain = setup.chain(np.arange(n))
-    variables = (
-        Variable(setup.camera_transform, SE3(), X[None]),
-        Variable(setup.target_transform, SE3(), Z[None]),
-        Variable("T_base_gripper", SE3(), T_base_gripper, constant=True),
-        Variable(SCALE, Positive(("scale",)), np.ones((1, 1)), constant=not free_scale),
-    )
-    factors = (
-        ChainRotation("loop rotation", chain, B, noise=LOOP_ROTATION),
-        ChainTranslation("loop translation", chain, B, scale=SCALE, noise=LOOP_TRANSLATION),
-    )
-    return Problem(variables, factors, sigmas)

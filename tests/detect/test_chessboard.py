@@ -202,3 +202,38 @@ def test_every_board_of_the_projector_set(shared_data):
     assert len(files) == 5
     for file in files:
         assert len(find(load_grey(file), 9, 7).uv) == 63
+
+
+def drawn(columns, rows, side, *, margin, dark=0, light=255):
+    """A board without a camera, and its corners: squares of whole pixels, a margin of so many squares of paper."""
+    squares = np.where(np.add.outer(np.arange(rows + 1), np.arange(columns + 1)) % 2, light, dark).astype(np.uint8)
+    around = round(margin * side)
+    image = np.pad(np.kron(squares, np.ones((side, side), np.uint8)), around, constant_values=light)
+    x, y = np.meshgrid(np.arange(1, columns + 1), np.arange(1, rows + 1))
+    return image, np.stack([x.ravel(), y.ravel()], axis=1) * side + around - 0.5
+
+
+@pytest.mark.parametrize("side", [8, 20, 40, 100])
+@pytest.mark.parametrize(("columns", "rows", "margin"), [(9, 6, 0.3), (7, 7, 1.0), (5, 4, 2.0), (3, 3, 0.5)])
+def test_boards_drawn_by_a_program(columns, rows, margin, side):
+    # Every corner lies between four pixels that are equal to the last bit, and there is no noise to tell them apart.
+    for blur, dark, light, turn in ((0.0, 0, 255, 0), (0.5, 100, 140, 1), (0.7, 40, 200, 0), (2.0, 0, 255, 2)):
+        image, true = drawn(columns, rows, side, margin=margin, dark=dark, light=light)
+        image = cv2.GaussianBlur(image, (0, 0), blur) if blur else image
+        image = np.ascontiguousarray(np.rot90(image, turn))
+        found = find(image, columns, rows) if turn != 1 else find(image, rows, columns)
+        assert found.point_ids.tolist() == list(range(columns * rows)), (blur, turn, found.reason)
+        if turn == 0:
+            # 8 bits round each grey level by up to a half; blur of 2 px over squares of 8 px reaches the next corner.
+            assert np.abs(np.sort(found.uv, axis=0) - np.sort(true, axis=0)).max() < 0.02
+        assert found.sigma_px is not None
+        assert np.all((found.sigma_px > 1e-4) & (found.sigma_px < 0.2))
+
+
+def test_sharp_edges_on_pixels_do_not_pass_for_unknown():
+    # Each edge lies in one column of pixels here, which knows its distance over its blur alone.
+    image, _ = drawn(6, 9, 40, margin=1.0)
+    turn = cv2.getRotationMatrix2D((180.0, 240.0), 1.0, 0.75)
+    found = find(cv2.warpAffine(image, turn, image.shape[::-1], flags=cv2.INTER_AREA, borderValue=255), 6, 9)
+    assert len(found.uv) == 54
+    assert found.sigma_px.max() < 0.2

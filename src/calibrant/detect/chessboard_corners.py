@@ -89,7 +89,7 @@ def _saddles(image: Image, least: float) -> tuple[Array, Array]:
     at = np.flatnonzero((response == largest) & (response > least))
     y, x = np.divmod(at, image.shape[1])
     inside = (x >= MARGIN_PX) & (x < image.shape[1] - MARGIN_PX) & (y >= MARGIN_PX) & (y < image.shape[0] - MARGIN_PX)
-    return _centres(image, x[inside], y[inside])
+    return _centres(image, response, x[inside], y[inside])
 
 
 @njit("void(float32[:, ::1], float32[:, ::1])", cache=True, nogil=True, fastmath=True)
@@ -105,18 +105,33 @@ def _respond(image, response):  # type: ignore[no-untyped-def]
             response[y, x] = np.float32(1 / 16) * xy * xy - xx * yy
 
 
+@njit("boolean(float32[:, ::1], int64, int64)", cache=True, nogil=True)
+def _has_equal_before(response, x, y):  # type: ignore[no-untyped-def]
+    """Whether the same response stands at an earlier pixel, row by row, within two pixels."""
+    for v in range(y - 2, y + 1):
+        for u in range(x - 2, x + 3):
+            if v == y and u >= x:
+                break
+            if response[v, u] == response[y, x]:
+                return True
+    return False
+
+
 @njit(
-    "Tuple((float64[:, ::1], float64[::1]))(float32[:, ::1], int64[::1], int64[::1])",
+    "Tuple((float64[:, ::1], float64[::1]))(float32[:, ::1], float32[:, ::1], int64[::1], int64[::1])",
     cache=True,
     nogil=True,
     error_model="numpy",
 )
-def _centres(image, xs, ys):  # type: ignore[no-untyped-def]
+def _centres(image, response, xs, ys):  # type: ignore[no-untyped-def]
     """Where the gradient vanishes near each pixel: (n, 2), and S; without those where it vanishes elsewhere."""
     found, strength = np.empty((len(xs), 2)), np.empty(len(xs))
     n = 0
     for k in range(len(xs)):
         x, y = xs[k], ys[k]
+        # A drawn corner lies between pixels that are equal to the last bit: four maxima, of which the first counts.
+        if _has_equal_before(response, x, y):
+            continue
         gx = 0.5 * (image[y, x + 1] - image[y, x - 1])
         gy = 0.5 * (image[y + 1, x] - image[y - 1, x])
         xx = image[y, x + 1] - 2.0 * image[y, x] + image[y, x - 1]

@@ -33,6 +33,12 @@ SMALL_STEP_PX = 1e-3
 LEAST_LOG_BLUR = math.log(0.25)
 """A pixel's own width blurs by 0.29 px; without a floor, an edge between pixel columns could sharpen for ever."""
 
+LEAST_VARIANCE = 1 / 12
+"""Of grey values: what rounding to whole levels adds. A drawing without noise is no more certain than that."""
+LOG_BLUR_SIGMA = 1.0
+"""Edges sharper than a pixel show only their distance over their blur: corner and blur are then known together, from
+what is known of blur beforehand, a factor of e. Wherever an edge shows its blur this says nothing."""
+
 TABLE_DENSITY = 64
 TABLE_MIDDLE = 144
 _TABLE = (np.arange(2 * TABLE_MIDDLE + 1) - TABLE_MIDDLE) / TABLE_DENSITY
@@ -263,7 +269,8 @@ def _fit(grey, uv, steps, dark, radius, blur, zero):  # type: ignore[no-untyped-
         if count < 3 * PARAMETERS:
             continue
         cost = _descend(grey, pixels, count, p, radius, JtJ)
-        variance = cost / (count - PARAMETERS)
+        variance = max(cost / (count - PARAMETERS), LEAST_VARIANCE)
+        JtJ[4, 4] += variance / LOG_BLUR_SIGMA**2
         _factor(JtJ, 0.0, L)
         spread = 0.0
         for axis in range(2):
@@ -274,6 +281,7 @@ def _fit(grey, uv, steps, dark, radius, blur, zero):  # type: ignore[no-untyped-
         limit = WINDOW * min(math.hypot(step[0], step[1]), math.hypot(step[2], step[3]))
         moved = math.hypot(p[0] - uv[i, 0], p[1] - uv[i, 1])
         sigma[i, 1] = math.sqrt(variance)
-        if spread > 0.0 and moved < limit and (p[6] > 0.0) == dark[i]:
+        # Nothing is known of a corner whose deviation is as large as the window it was looked for in.
+        if 0.0 < spread < limit * limit and moved < limit and (p[6] > 0.0) == dark[i]:
             sigma[i, 0] = math.sqrt(spread)
     return fitted, sigma

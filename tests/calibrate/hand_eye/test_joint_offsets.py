@@ -105,24 +105,27 @@ def test_the_poses_of_the_result_have_the_offsets_applied() -> None:
 
 def test_jacobians_are_the_derivatives() -> None:
     s = scene(2, views=5)
-    free = free_joints(s.readings, ("offsets", "geometry"))
+    free = free_joints(s.readings, ("offsets", "gear", "geometry"))
     rng = np.random.default_rng(0)
     model = free.model.moved(1e-2 * rng.normal(size=len(free.model.parameters)))
     T = se3.retract(model.predict(s.readings.q), 1e-2 * rng.normal(size=(5, 6)))
-    state = np.broadcast_to(model.state, (5, len(model.state)))
+    state, errors = np.broadcast_to(model.state, (5, len(model.state))), 1e-2 * rng.normal(size=(5, 6))
     for kind in (JointRotation, JointTranslation):
-        factor = kind(free.model, "poses", "geometry", s.readings.q, "noise")
-        _, (of_pose, of_model) = factor.linearize(T, state)
+        factor = kind(free.model, ("poses", "geometry", "errors"), s.readings.q, "noise")
+        _, (of_pose, of_model, of_errors) = factor.linearize(T, state, errors)
         h = 1e-6
         for k in range(6):
             d = np.eye(6)[k] * h
-            change = factor.residuals(se3.retract(T, d), state) - factor.residuals(se3.retract(T, -d), state)
-            np.testing.assert_allclose(of_pose[:, :, k], change / (2 * h), atol=1e-8)
+            ahead, behind = (factor.residuals(se3.retract(T, s * d), state, errors) for s in (1, -1))
+            np.testing.assert_allclose(of_pose[:, :, k], (ahead - behind) / (2 * h), atol=1e-8)
+            ahead, behind = (factor.residuals(T, state, errors + s * d) for s in (1, -1))
+            np.testing.assert_allclose(of_errors[:, :, k], (ahead - behind) / (2 * h), atol=1e-8)
         for k in range(len(model.parameters)):
             d = np.eye(len(model.parameters))[k] * h
-            ahead, behind = (np.broadcast_to(model.moved(s * d).state, state.shape) for s in (1, -1))
-            change = factor.residuals(T, ahead) - factor.residuals(T, behind)
-            np.testing.assert_allclose(of_model[:, :, k], change / (2 * h), atol=1e-8)
+            ahead, behind = (
+                factor.residuals(T, np.broadcast_to(model.moved(s * d).state, state.shape), errors) for s in (1, -1)
+            )
+            np.testing.assert_allclose(of_model[:, :, k], (ahead - behind) / (2 * h), atol=1e-8)
 
 
 def test_readings_beyond_the_limits_or_of_another_name_are_refused() -> None:

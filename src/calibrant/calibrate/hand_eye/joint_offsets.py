@@ -1,10 +1,12 @@
 """Joint offsets in the image problem: a robot pose is what its geometry makes of the joints that were read.
 
-    r_rot = log(R_i R(q_i; p)^T),   r_trans = t_i - t(q_i; p),   p = (joint offsets, gear errors, couplings, geometry)
+    r_rot = log(R_i R(q_i + e_i; p)^T),   r_trans = t_i - t(q_i + e_i; p),   r_joint = e_i,
+    p = (joint offsets, gear errors, couplings, geometry)
 
 stand in the place of the priors that tie a robot pose to what the controller says. What p explains is systematic and is
-taken out of every pose; what it leaves is the robot's noise, whose level is estimated as before. Without p this is the
-problem of `joint`.
+taken out of every pose; what it leaves is the robot's noise, with three levels: that of the joints (their encoders and
+gears: it turns and moves a pose together, and not alike in all directions) and two of what links and frame add to a
+pose. Without p this is the problem of `joint`.
 
 An offset of the first joint turns the robot about its base as the target's (or the camera's) place does, and one of the
 last joint turns the flange as the camera's mounting does: which parameters remain is asked of the regressor with base
@@ -27,7 +29,7 @@ from calibrant.data import RobotPoses
 from calibrant.errors import InputError
 from calibrant.geometry import so3
 from calibrant.optimize.factors import Factor
-from calibrant.optimize.manifolds import Variable
+from calibrant.optimize.manifolds import Euclidean, Variable
 from calibrant.optimize.solution import Solution
 from calibrant.robots.geometry import ParametricChain
 from calibrant.robots.limits import check_limits
@@ -89,12 +91,23 @@ class FreeJoints:
         """The unknown of the problem."""
         return Variable(name, ModelManifold(self.model, self.keep), self.model.state[None])
 
-    def factors(self, poses: str, model: str, rows: Sequence[int], *, noise: tuple[str, str]) -> list[Factor]:
-        """Rotation and translation of the poses variable's instances, whose readings are `rows`."""
+    def errors_variable(self, name: str, rows: Sequence[int]) -> Variable:
+        """What the joints did beyond the model, at the readings `rows`."""
+        names = tuple(j.name for j in self.readings.chain.joints)
+        labels = tuple(self.readings.ids[r] for r in rows)
+        start = np.zeros((len(rows), len(names)))
+        return Variable(name, Euclidean(names), start, labels=labels, words="the joints of")
+
+    def factors(
+        self, poses: str, model: str, errors: str, rows: Sequence[int], *, noise: tuple[str, str, str]
+    ) -> list[Factor]:
+        """Rotation and translation of the poses variable's instances, whose readings are `rows`, and the joints."""
         q = self.readings.q[list(rows)]
+        slots = (poses, model, errors)
         return [
-            JointRotation(self.model, poses, model, q, noise[0]),
-            JointTranslation(self.model, poses, model, q, noise[1]),
+            JointRotation(self.model, slots, q, noise[0]),
+            JointTranslation(self.model, slots, q, noise[1]),
+            JointErrors(errors, q.shape, noise[2]),
         ]
 
     def at(self, solution: Solution, name: str) -> RobotModel:
@@ -153,37 +166,54 @@ def free_joints(readings: JointReadings, identify: Sequence[str]) -> FreeJoints:
 class _JointFactor(Factor):
     """Robot poses against the model at the joints that were read; an edge is a pose."""
 
-    def __init__(self, template: RobotModel, poses: str, model: str, q: Array, noise: str) -> None:
+    def __init__(self, template: RobotModel, variables: tuple[str, str, str], q: Array, noise: str) -> None:
+        """variables: poses, model, errors of the joints."""
         self.template, self.q = template, q
-        n = len(q)
-        indices = (np.arange(n), np.zeros(n, dtype=np.int64))
-        super().__init__(f"joints {noise}", variables=(poses, model), indices=indices, dim=3, noise=noise)
+        each, once = np.arange(len(q)), np.zeros(len(q), dtype=np.int64)
+        super().__init__(f"joints {noise}", variables=variables, indices=(each, once, each), dim=3, noise=noise)
 
-    def _predicted(self, state: Array) -> tuple[Array, Array]:
-        return self.template.with_state(state[0]).linearize(self.q)
+    def _predicted(self, state: Array, errors: Array) -> tuple[Array, Array, Array]:
+        """Poses (n, 4, 4), their derivative by the model (n, 6, p) and by the joints (n, 6, k)."""
+        model = self.template.with_state(state[0])
+        T, J = model.linearize(self.q, errors)
+        return T, J, model.joint_jacobian(self.q, errors)
 
 
 class JointRotation(_JointFactor):
-    """r = log(R_i R(q_i; p)^T), radians, about the base's axes."""
+    """r = log(R_i R(q_i + e_i; p)^T), radians, about the base's axes."""
 
     def linearize(self, *values: Array) -> tuple[Array, tuple[Array, ...]]:
-        T, state = values
-        predicted, J = self._predicted(state)
+        T, state, errors = values
+        predicted, J, of_joints = self._predicted(state, errors)
         E = T[:, :3, :3] @ np.swapaxes(predicted[:, :3, :3], -1, -2)
         r = so3.log(E)
         of_r = so3.left_jacobian_inverse(r)
         of_pose = np.zeros((len(r), 3, 6))
         of_pose[:, :, :3] = of_r
         # R_i (exp(w) R)^T = E exp(-w) = exp(-E w) E
-        return r, (of_pose, -of_r @ E @ J[:, :3])
+        return r, (of_pose, -of_r @ E @ J[:, :3], -of_r @ E @ of_joints[:, :3])
 
 
 class JointTranslation(_JointFactor):
-    """r = t_i - t(q_i; p), metres, along the base's axes."""
+    """r = t_i - t(q_i + e_i; p), metres, along the base's axes."""
 
     def linearize(self, *values: Array) -> tuple[Array, tuple[Array, ...]]:
-        T, state = values
-        predicted, J = self._predicted(state)
+        T, state, errors = values
+        predicted, J, of_joints = self._predicted(state, errors)
         of_pose = np.zeros((len(T), 3, 6))
         of_pose[:, :, 3:] = np.eye(3)
-        return T[:, :3, 3] - predicted[:, :3, 3], (of_pose, -J[:, 3:])
+        return T[:, :3, 3] - predicted[:, :3, 3], (of_pose, -J[:, 3:], -of_joints[:, 3:])
+
+
+class JointErrors(Factor):
+    """r = e_i, radians and metres alike: a sliding joint that repeats to 50 micrometres does what a turning one that
+    repeats to 50 microradians does a metre away."""
+
+    def __init__(self, errors: str, shape: tuple[int, ...], noise: str) -> None:
+        super().__init__(
+            f"joints {noise}", variables=(errors,), indices=(np.arange(shape[0]),), dim=shape[1], noise=noise
+        )
+
+    def linearize(self, *values: Array) -> tuple[Array, tuple[Array, ...]]:
+        (errors,) = values
+        return errors, (np.broadcast_to(np.eye(self.dim), (len(errors), self.dim, self.dim)),)

@@ -23,6 +23,7 @@ from calibrant.calibrate.hand_eye.several_problem import (
     floors,
     geometry_variable,
     inconsistent,
+    joint_group,
     pixel_group,
     robot_groups,
     several_problem,
@@ -174,6 +175,8 @@ def _levels(several: Several, spread: tuple[float, float]) -> dict[str, float]:
         out[pixel_group(p.camera)] = d.sigma_px
     for robot in several.layout.robots:
         out |= dict(zip(robot_groups(robot), (max(s / 2, LEAST_SIGMA_START) for s in spread)))
+    # A joint turns the pose as the pose's own noise does.
+    out |= {joint_group(robot): max(spread[0] / 2, LEAST_SIGMA_START) for robot in several.free}
     return out
 
 

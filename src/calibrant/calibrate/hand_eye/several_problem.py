@@ -34,6 +34,8 @@ from calibrant.optimize.solution import Solution
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+JOINTS = "joints"
+
 
 @dataclass(frozen=True, eq=False)
 class Several:
@@ -85,6 +87,11 @@ def robot_groups(robot: str) -> tuple[str, str]:
     return f"{ROBOT_ROTATION} {robot}", f"{ROBOT_TRANSLATION} {robot}"
 
 
+def joint_group(robot: str) -> str:
+    """Noise group of a robot's joints, where its readings are given."""
+    return f"{JOINTS} {robot}"
+
+
 def lens_variable(camera: str) -> str:
     """Name of a camera's intrinsics."""
     return f"lens of {camera}"
@@ -93,6 +100,11 @@ def lens_variable(camera: str) -> str:
 def geometry_variable(robot: str) -> str:
     """Name of a robot's free joint offsets and geometry."""
     return f"geometry of {robot}"
+
+
+def errors_variable(robot: str) -> str:
+    """Name of what a robot's joints did beyond their readings and its geometry."""
+    return f"joint errors of {robot}"
 
 
 def pictures_factor(i: int) -> str:
@@ -105,7 +117,7 @@ def floors(several: Several) -> dict[str, float]:
     out = {pixel_group(c): FLOORS[PIXEL] for c in several.layout.cameras}
     for robot in several.layout.robots:
         out |= dict(zip(robot_groups(robot), (FLOORS[ROBOT_ROTATION], FLOORS[ROBOT_TRANSLATION])))
-    return out
+    return out | {joint_group(robot): FLOORS[ROBOT_ROTATION] for robot in several.free}
 
 
 def several_problem(several: Several, transforms: Mapping[Frame, Array], sigmas: Mapping[str, float]) -> Problem:
@@ -159,8 +171,9 @@ def _add_robot(several: Several, robot: str, variables: list[Variable], factors:
         ]
         return
     rows = [free.readings.ids.index(m) for m in moments]
-    variables.append(free.variable(geometry_variable(robot)))
-    factors += free.factors(name, geometry_variable(robot), rows, noise=(rotation, translation))
+    geometry, errors = geometry_variable(robot), errors_variable(robot)
+    variables += [free.variable(geometry), free.errors_variable(errors, rows)]
+    factors += free.factors(name, geometry, errors, rows, noise=(rotation, translation, joint_group(robot)))
 
 
 def fitted_cameras(several: Several, solution: Solution) -> dict[str, Camera]:
@@ -194,11 +207,31 @@ def said_poses(several: Several, solution: Solution, robot: str) -> Array:
     return model.predict(free.readings.q[rows])
 
 
+def pose_noise(several: Several, solution: Solution, robot: str) -> Array:
+    """Covariance (n, 6, 6) of what all of a robot's poses are off by, in `se3.retract`'s chart: the poses' own noise,
+    and what their joints' noise makes of them."""
+    levels = solution.sigmas
+    rotation, translation = (levels[g] for g in robot_groups(robot))
+    C = np.diag([rotation**2] * 3 + [translation**2] * 3)
+    ids = several.layout.robots[robot].ids
+    free = several.free.get(robot)
+    if free is None:
+        return np.broadcast_to(C, (len(ids), 6, 6))
+    rows = [free.readings.ids.index(m) for m in ids]
+    J = free.at(solution, geometry_variable(robot)).joint_jacobian(free.readings.q[rows])
+    return np.asarray(C + levels[joint_group(robot)] ** 2 * J @ np.swapaxes(J, -1, -2))
+
+
+def _pose_rows(several: Several, i: int, rows: Mask) -> NDArray[np.int64]:
+    """Which of their robot's poses the rows of list i were taken at."""
+    index = {name: k for k, name in enumerate(several.layout.robots[several.layout.pictures[i].robot].ids)}
+    return np.array([index.get(name, 0) for name, r in zip(several.data[i].ids, rows) if r], dtype=np.int64)
+
+
 def prediction(several: Several, solution: Solution, i: int, rows: Mask) -> tuple[Array, list[Array]]:
     """T_camera_target (m, 4, 4) of the rows of list i by what the robot said, and the maps from its poses' errors."""
     layout, p = several.layout, several.layout.pictures[i]
-    index = {name: k for k, name in enumerate(layout.robots[p.robot].ids)}
-    at = np.array([index.get(name, 0) for name, r in zip(several.data[i].ids, rows) if r], dtype=np.int64)
+    at = _pose_rows(several, i, rows)
     chain = layout.chain(p, at)
     arm, said = poses_variable(p.robot), said_poses(several, solution, p.robot)
     values = [said[at] if k.variable == arm else solution.value(k.variable)[k.indices] for k in chain]
@@ -214,12 +247,11 @@ def inconsistent(several: Several, solution: Solution, i: int) -> Mask:
         return out
     T, maps = prediction(several, solution, i, data.use)
     d = se3.local(T, data.B[data.use])
-    levels = solution.sigmas
-    C = data.covariance[data.use] * levels[pixel_group(p.camera)] ** 2
-    rotation, translation = (levels[g] for g in robot_groups(p.robot))
-    noise = np.diag([rotation**2] * 3 + [translation**2] * 3)
-    for M in maps:
-        C = C + M @ noise @ np.swapaxes(M, -1, -2)
+    C = data.covariance[data.use] * solution.sigmas[pixel_group(p.camera)] ** 2
+    if maps:
+        noise = pose_noise(several, solution, p.robot)[_pose_rows(several, i, data.use)]
+        for M in maps:
+            C = C + M @ noise @ np.swapaxes(M, -1, -2)
     statistic = np.einsum("ni,ni->n", d, np.linalg.solve(C, d[..., None])[..., 0])
     scale = max(float(np.median(statistic)) / CHI2_6_MEDIAN, 1.0)
     out[np.flatnonzero(data.use)] = (statistic / scale > CHI2_6_LIMIT) & (np.sum(d * d, axis=1) > ROUNDING)

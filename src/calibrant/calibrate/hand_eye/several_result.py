@@ -12,13 +12,16 @@ from numpy.typing import NDArray
 
 from calibrant.calibrate.chain import Link, link_maps, product
 from calibrant.calibrate.hand_eye.checks import LOOP_WARN, convergence_check
+from calibrant.calibrate.hand_eye.held_out import CLOSE_ENOUGH
 from calibrant.calibrate.hand_eye.several_problem import (
     Several,
     fitted_cameras,
     fitted_transforms,
     geometry_variable,
+    joint_group,
     pictures_factor,
     pixel_group,
+    pose_noise,
     prediction,
     robot_groups,
     said_poses,
@@ -41,6 +44,7 @@ from calibrant.data import (
 from calibrant.geometry import se3
 from calibrant.optimize.levenberg_marquardt import solve
 from calibrant.optimize.noise import NoiseEstimate, NoiseLevel
+from calibrant.optimize.problem import Problem, Values
 from calibrant.optimize.solution import Solution
 
 Array = NDArray[np.float64]
@@ -86,7 +90,7 @@ def several_result(
         joint_covariance=_joint(several, solution),
         rms_px=_rms_px(several, solution),
         sigma_px=_pooled([levels[pixel_group(c)] for c in layout.cameras]),
-        sigma_robot=_sigma_robot(levels, next(iter(layout.robots))) if len(layout.robots) == 1 else None,
+        sigma_robot=_sigma_robot(several, noise, next(iter(layout.robots))) if len(layout.robots) == 1 else None,
         views=views,
         held_out=None if held is None else HeldOut(*held.rms),
         options={**options, **_figures(several, noise)},
@@ -151,13 +155,27 @@ def _held_out(several: Several, solution: Solution) -> LoopDeviations | None:
         rest = several.kept([~o for o in out])
         if any(before.use.any() and not after.use.any() for before, after in zip(several.data, rest.data)):
             return None
-        without = solve(several_problem(rest, transforms, solution.sigmas))
+        problem = several_problem(rest, transforms, solution.sigmas)
+        without = solve(problem, start=_nearest_start(problem, solution), options=CLOSE_ENOUGH)
         if without.unobservable:
             return None
         errors = _deviations(several, without, out)
         mm.append(errors.mm)
         deg.append(errors.deg)
     return LoopDeviations(np.concatenate(mm), np.concatenate(deg))
+
+
+def _nearest_start(problem: Problem, fit: Solution) -> Values:
+    """Values of the problem's unknowns as fitted with more views, moment by moment."""
+    out = []
+    for v in problem.variables:
+        values = fit.value(v.name)
+        if len(values) != v.count:
+            whole = fit.problem.variables[fit.problem.variable_index(v.name)]
+            index = {label: k for k, label in enumerate(whole.labels or ())}
+            values = values[[index[label] for label in v.labels or ()]]
+        out.append(values)
+    return tuple(out)
 
 
 def _views(several: Several, solution: Solution) -> list[ViewResult]:
@@ -193,16 +211,31 @@ def _pooled(levels: Sequence[NoiseLevel]) -> float:
     return float(np.sqrt(np.sum(weight * [level.sigma**2 for level in levels]) / weight.sum()))
 
 
-def _sigma_robot(levels: Mapping[str, NoiseLevel], robot: str) -> SigmaRobot | None:
+def _sigma_robot(several: Several, noise: NoiseEstimate, robot: str) -> SigmaRobot | None:
+    """Noise of a robot's poses, that of its joints with it: root mean square over its poses and axes."""
+    levels = noise.levels
     rotation, translation = (levels.get(g) for g in robot_groups(robot))
     if rotation is None or translation is None:
         return None
+    C = pose_noise(several, noise.solution, robot).mean(axis=0)
+    joint = levels.get(joint_group(robot))
+    deg, deg_sigma = _with_joints(rotation, joint, float(np.trace(C[:3, :3])) / 3)
+    mm, mm_sigma = _with_joints(translation, joint, float(np.trace(C[3:, 3:])) / 3)
     return SigmaRobot(
-        1e3 * translation.sigma,
-        float(np.rad2deg(rotation.sigma)),
-        1e3 * translation.deviation if np.isfinite(translation.deviation) else None,
-        float(np.rad2deg(rotation.deviation)) if np.isfinite(rotation.deviation) else None,
+        1e3 * mm,
+        float(np.rad2deg(deg)),
+        None if mm_sigma is None else 1e3 * mm_sigma,
+        None if deg_sigma is None else float(np.rad2deg(deg_sigma)),
     )
+
+
+def _with_joints(own: NoiseLevel, joint: NoiseLevel | None, variance: float) -> tuple[float, float | None]:
+    """Root of a variance s^2 = own^2 + by joints^2, and its deviation, 4 s^2 var(s) = var(own^2) + var(by joints^2)."""
+    known = [own.sigma**2 * own.deviation**2] if np.isfinite(own.deviation) else []
+    if joint is not None and joint.sigma > 0 and np.isfinite(joint.deviation):
+        known.append((max(variance - own.sigma**2, 0.0) * joint.deviation / joint.sigma) ** 2)
+    sigma = float(np.sqrt(variance))
+    return sigma, float(np.sqrt(sum(known)) / sigma) if known and sigma > 0 else None
 
 
 def _figures(several: Several, noise: NoiseEstimate) -> dict[str, Any]:
@@ -212,8 +245,11 @@ def _figures(several: Several, noise: NoiseEstimate) -> dict[str, Any]:
     if len(layout.cameras) > 1:
         out["sigma_px_of"] = {c: noise.levels[pixel_group(c)].sigma for c in layout.cameras}
     if len(layout.robots) > 1:
-        robots = {r: _sigma_robot(noise.levels, r) for r in layout.robots}
+        robots = {r: _sigma_robot(several, noise, r) for r in layout.robots}
         out["sigma_robot_of"] = {r: {"mm": s.mm, "deg": s.deg} for r, s in robots.items() if s is not None}
+    if several.free:
+        levels = {r: noise.levels.get(joint_group(r)) for r in several.free}
+        out["sigma_joint_deg"] = {r: float(np.rad2deg(e.sigma)) for r, e in levels.items() if e is not None}
     for robot, free in several.free.items():
         rows = [
             {

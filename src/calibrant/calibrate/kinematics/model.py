@@ -191,9 +191,22 @@ class RobotModel:
         """T_world_tool (..., 4, 4) at joint readings q (..., n)."""
         return self.T_world_base @ self.chain.forward(self.true_joints(q)) @ self.T_flange_tool
 
-    def linearize(self, q: ArrayLike) -> tuple[Array, Array]:
-        """T_world_tool (..., 4, 4) and its derivative in the chart of `se3.retract`, (..., 6, p)."""
-        x = self.true_joints(q)
+    def joint_jacobian(self, q: ArrayLike, beyond: Array | float = 0.0) -> Array:
+        """Derivative of T_world_tool by each joint's true value, (..., 6, n), in the chart of `se3.retract`.
+
+        beyond (..., n): what the joints did beyond what the model says of their readings q.
+        """
+        x = self.true_joints(q) + beyond
+        point = (self.chain.forward(x) @ self.T_flange_tool)[..., :3, 3]
+        J, R = flange_rates(self.chain.joint_twists(x), point), self.T_world_base[:3, :3]
+        return np.concatenate([R @ J[..., :3, :], R @ J[..., 3:, :]], axis=-2)
+
+    def linearize(self, q: ArrayLike, beyond: Array | float = 0.0) -> tuple[Array, Array]:
+        """T_world_tool (..., 4, 4) and its derivative in the chart of `se3.retract`, (..., 6, p).
+
+        beyond (..., n): what the joints did beyond what the model says of their readings q.
+        """
+        x = self.true_joints(q) + beyond
         T_base_flange = self.chain.forward(x)
         T_base_tool = T_base_flange @ self.T_flange_tool
         T = self.T_world_base @ T_base_tool

@@ -50,6 +50,19 @@ def test_photos_to_camera_report_and_opencv_file(calibrant, cell, tmp_path: Path
     untouched()
 
 
+def test_a_second_camera_in_the_folder_keeps_the_first_ones_opencv_file(calibrant, found: Path, tmp_path: Path) -> None:
+    for name in ("left.json", "right.json"):
+        outcome = calibrant("intrinsics", "--observations", found, "--out", tmp_path / name)
+        assert (outcome.status, outcome.err) == (0, "")
+    assert "right-Intr.yml" in outcome.out
+    first = (tmp_path / "Intr.yml").stat().st_mtime_ns
+    again = calibrant("intrinsics", "--observations", found, "--out", tmp_path / "right.json", "--force", "-q")
+    assert again.status == 0
+    # Replacing the second camera's files leaves those of the first.
+    assert (tmp_path / "Intr.yml").stat().st_mtime_ns == first
+    assert sorted(p.name for p in tmp_path.glob("*.yml")) == ["Intr.yml", "right-Intr.yml"]
+
+
 def test_json_alone_on_standard_output(calibrant, found: Path) -> None:
     outcome = calibrant("intrinsics", "--observations", found, "--json")
     assert (outcome.status, outcome.err) == (0, "")

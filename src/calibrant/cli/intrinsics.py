@@ -47,7 +47,8 @@ def intrinsics(
         Path | None,
         typer.Option(
             "--opencv-yaml", metavar="FILE.yml", show_default=False,
-            help="Write the camera in OpenCV's format here; with --out, without this: Intr.yml beside it.",
+            help="Write the camera in OpenCV's format here; with --out, without this: Intr.yml beside it "
+            "(left-Intr.yml beside left.json, where there is an Intr.yml already).",
         ),
     ] = None,
     report: o.Report = None,
@@ -65,7 +66,7 @@ def intrinsics(
     from calibrant.cli import session
     from calibrant.cli.sources import Source
 
-    opencv = opencv_yaml if opencv_yaml is not None else (out.parent / "Intr.yml" if out is not None else None)
+    opencv = opencv_yaml if opencv_yaml is not None else (_opencv_beside(out, force) if out is not None else None)
     outputs = session.Outputs(out, report, json, quiet, force, opencv)
     outputs.check()
     limit = o.pixels(max_error, option="--max-error")
@@ -96,3 +97,9 @@ def intrinsics(
             result = replace(result, options={**result.options, "mirror_x": True})
         result = replace(result, inputs=session.file_records(inputs))
         session.finish(review(session.with_misses(result)), outputs)
+
+
+def _opencv_beside(out: Path, force: bool) -> Path:
+    """Intr.yml in the folder of the result; where another camera's stands there, with the result's name in front."""
+    shared, own = out.parent / "Intr.yml", out.parent / f"{out.stem}-Intr.yml"
+    return own if own.exists() or (shared.exists() and not force) else shared

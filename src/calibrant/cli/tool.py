@@ -2,17 +2,47 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from calibrant.cli import options as o
 from calibrant.cli import pose_options as p
+from calibrant.cli.session import Outputs
 
 app = typer.Typer(
     help="Find a tool's tip, by touch or by sight, or a hand camera from the gripper it sees.", no_args_is_help=True
 )
+
+
+def _outputs(
+    out: o.Out = None, json: o.Json = False, quiet: o.Quiet = False, force: o.Force = False, debug: o.Debug = False
+) -> Outputs:
+    """The outputs of every subcommand; `debug` is the application's own."""
+    outputs = Outputs(out, None, json, quiet, force)
+    outputs.check()
+    return outputs
+
+
+def with_outputs(run: Callable[..., None]) -> Callable[..., None]:
+    """The command with the options of `_outputs` behind its own; `run` takes what they make as `outputs`."""
+    own = [p for p in inspect.signature(run, eval_str=True).parameters.values() if p.name != "outputs"]
+    shared = list(inspect.signature(_outputs, eval_str=True).parameters.values())
+
+    @functools.wraps(run)
+    def command(**given: Any) -> None:
+        outputs = _outputs(**{p.name: given.pop(p.name) for p in shared})
+        run(outputs=outputs, **given)
+
+    # Typer reads a command's options from its signature and its annotations.
+    command.__signature__ = inspect.Signature([*own, *shared])  # type: ignore[attr-defined]
+    command.__annotations__ = {p.name: p.annotation for p in (*own, *shared)}
+    return command
+
 
 TouchDirection = Annotated[
     str,
@@ -23,7 +53,9 @@ TouchDirection = Annotated[
 
 
 @app.command("touch")
+@with_outputs
 def touch(
+    outputs: Outputs,
     poses: p.Poses,
     robot: o.Robot = None,
     robot_link: o.RobotLink = None,
@@ -34,11 +66,6 @@ def touch(
     pose_rotation: p.Rotation = "auto",
     pose_angle: p.Angle = "auto",
     pose_direction: TouchDirection = "base-gripper",
-    out: o.Out = None,
-    json: o.Json = False,
-    quiet: o.Quiet = False,
-    force: o.Force = False,
-    debug: o.Debug = False,
 ) -> None:
     """The tip from four or more poses in which it touches one and the same point.
 
@@ -48,8 +75,6 @@ def touch(
     from calibrant.cli.pose_choice import PoseForm
     from calibrant.cli.robot_choice import RobotChoice
 
-    outputs = session.Outputs(out, None, json, quiet, force)
-    outputs.check()
     outputs.spare(poses)
     form = PoseForm(pose_units, pose_rotation, pose_angle, pose_direction)
     arm = RobotChoice(robot, robot_link, robot_base, joint_angle, robot_format)
@@ -57,7 +82,9 @@ def touch(
 
 
 @app.command("seen")
+@with_outputs
 def seen(
+    outputs: Outputs,
     poses: p.Poses,
     pixels: Annotated[
         Path,
@@ -82,11 +109,6 @@ def seen(
     pose_rotation: p.Rotation = "auto",
     pose_angle: p.Angle = "auto",
     pose_direction: p.Direction = "auto",
-    out: o.Out = None,
-    json: o.Json = False,
-    quiet: o.Quiet = False,
-    force: o.Force = False,
-    debug: o.Debug = False,
 ) -> None:  # fmt: skip
     """The tip from three or more poses in which a calibrated camera that stands still sees it.
 
@@ -96,8 +118,6 @@ def seen(
     from calibrant.cli.pose_choice import PoseForm
     from calibrant.cli.robot_choice import RobotChoice
 
-    outputs = session.Outputs(out, None, json, quiet, force)
-    outputs.check()
     outputs.spare([*poses, pixels, result])
     form = PoseForm(pose_units, pose_rotation, pose_angle, pose_direction)
     arm = RobotChoice(robot, robot_link, robot_base, joint_angle, robot_format)
@@ -105,7 +125,9 @@ def seen(
 
 
 @app.command("self-visibility")
+@with_outputs
 def self_visibility(
+    outputs: Outputs,
     image: Annotated[
         Path,
         typer.Option(
@@ -125,11 +147,6 @@ def self_visibility(
     ],
     target: o.Target = None,
     sigma_px: Annotated[str, typer.Option("--sigma-px", metavar="LENGTH", help="Noise of a feature.")] = "0.5px",
-    out: o.Out = None,
-    json: o.Json = False,
-    quiet: o.Quiet = False,
-    force: o.Force = False,
-    debug: o.Debug = False,
 ) -> None:  # fmt: skip
     """Where a hand camera sits, from one photo: the robot does not move.
 
@@ -138,8 +155,7 @@ def self_visibility(
     """
     from calibrant.cli import session, tool_run
 
-    outputs = session.Outputs(out, None, json, quiet, force)
-    outputs.check()
     outputs.spare([image, features, camera])
     noise = o.pixels(sigma_px, option="--sigma-px") or 0.0
-    session.finish(tool_run.self_visible(image, features, camera, target, noise, quiet=quiet or json), outputs)
+    silent = outputs.quiet or outputs.json
+    session.finish(tool_run.self_visible(image, features, camera, target, noise, quiet=silent), outputs)

@@ -4,7 +4,7 @@
     python benchmarks/optimizer_vs_peers.py --views 20 100 --repeats 3 --skip extended rig
 
 Peers run in their own Python, one after the other in every round, so that a busy machine slows all of them alike:
-what counts are the ratios within one run, of medians, and of the best runs where the machine is busy.
+what counts are the ratios of medians within one run.
 OpenCV goes into virtual environments below the cache folder (made on the first run with pip); mrcal is Debian's:
 apt-get install python3-mrcal. What is absent is skipped and said.
 """
@@ -187,7 +187,7 @@ def median(row: Row | None) -> float:
 
 
 def compare(folder: Path, views: list[int], repeats: int, pythons: dict[str, tuple[Path, str]]) -> None:
-    head = ["views", "calibrant", "with covariance", *pythons, "fastest / calibrant", "best runs", "MB", "same optimum"]
+    head = ["views", "calibrant", "with covariance", *pythons, "fastest / calibrant", "MB", "same optimum"]
     print("\n| " + " | ".join(head) + " |\n" + "|---" * len(head) + "|")
     times: dict[int, float] = {}
     for n in views:

@@ -15,7 +15,7 @@ form. The refinement finds the one on the side it starts from; the other is trie
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -66,18 +66,30 @@ def bending(camera: Camera, views: StackedViews, T_camera_target: Array, sigma_p
     kind, gamma = camera.model, np.zeros(len(camera.values))
     if kind.gauge or camera.covariance is None or sigma_px <= ROUNDING_PX:
         return gamma
-    rows = np.unique(np.linspace(0, len(views.uv) - 1, POINTS).astype(np.int64))
-    edge = np.repeat(np.arange(len(views.offsets) - 1), np.diff(views.offsets))[rows]
-    p = se3.apply(T_camera_target[edge], views.points[rows])
-    sigma, middle = np.sqrt(np.diag(camera.covariance)), kind.project(camera.values, p)
-    share = np.sqrt(len(views.uv) / len(rows)) / views.sigma[rows, None]
+    chosen = np.unique(np.linspace(0, len(views.uv) - 1, POINTS).astype(np.int64))
+    edge = np.repeat(np.arange(len(views.offsets) - 1), np.diff(views.offsets))[chosen]
+    pixels = _pixels_of(kind, np.ascontiguousarray(se3.apply(T_camera_target[edge], views.points[chosen]).T))
+    sigma, middle = np.sqrt(np.diag(camera.covariance)), 2 * pixels(camera.values)
+    share = np.sqrt(len(views.uv) / len(chosen)) / views.sigma[chosen]
     for k in np.flatnonzero(sigma > 0):
         e = QUANTILE * camera.covariance[:, k] / sigma[k]
-        with np.errstate(all="ignore"):
-            missed = kind.project(camera.values + e, p) + kind.project(camera.values - e, p) - 2 * middle
-        size = np.linalg.norm(missed * share) / (2 * sigma_px)
+        missed = (pixels(camera.values + e) + pixels(camera.values - e) - middle) * share
+        size = np.sqrt(np.vdot(missed, missed)) / (2 * sigma_px)
         gamma[k] = size if np.isfinite(size) else np.inf
     return gamma
+
+
+def _pixels_of(kind: CameraModel, p: Array) -> Callable[[Array], Array]:
+    """Parameters (k,) -> pixels (2, n) of the points p (3, n), by the compiled model: it is asked twice a parameter."""
+    n, rows = p.shape[1], kind.rows()
+    J_point, J_parameters = np.empty((6, n)), np.empty((2 * len(kind.parameter_names), n))
+
+    def pixels(values: Array) -> Array:
+        uv = np.empty((2, n))
+        rows(n, values, p, uv, J_point, J_parameters)
+        return uv
+
+    return pixels
 
 
 def better_of_two(fit: Fit, kind: CameraModel, fix: Sequence[str]) -> Fit:

@@ -34,13 +34,13 @@ def test_rows_are_the_derivatives_of_the_deviations() -> None:
     A, B = pairs(scene)
     model = Model(np.array([0, 0, 0, 1, 1, 1]), np.array([0, 0, 1, 1, 0, 0]), free_scale=True)
     X, Z = np.stack([scene.X, scene.X]), np.stack([scene.Z, scene.Z])
-    _, rows = loop_fit._linearised(A, B, X, Z, 1.0, model)
+    _, rows = loop_fit.linearised(A, B, X, Z, 1.0, model)
     step = 1e-6
     for k in range(model.unknowns):
         delta = np.zeros(model.unknowns)
         delta[k] = step
-        plus, _ = loop_fit._linearised(A, B, *loop_fit._moved(X, Z, 1.0, delta, model), model)
-        minus, _ = loop_fit._linearised(A, B, *loop_fit._moved(X, Z, 1.0, -delta, model), model)
+        plus, _ = loop_fit.linearised(A, B, *loop_fit.moved(X, Z, 1.0, delta, model), model)
+        minus, _ = loop_fit.linearised(A, B, *loop_fit.moved(X, Z, 1.0, -delta, model), model)
         # The rows leave out the Jacobian of the logarithm, I + O(deviation): 3e-4 rad here.
         np.testing.assert_allclose((plus - minus) / (2 * step), rows[:, :, k], atol=2e-3)
 

@@ -7,7 +7,7 @@ that do not belong are left out, and again -> target scale, held-out error, chec
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +23,7 @@ from calibrant.calibrate.hand_eye.joint import (
     CameraRole,
     image_problem,
 )
+from calibrant.calibrate.hand_eye.loop_noise import LoopNoise
 from calibrant.calibrate.hand_eye.loops import loop_errors
 from calibrant.calibrate.hand_eye.motion import MotionReport, motion_report
 from calibrant.calibrate.hand_eye.photos import named_by_poses, prepare_photos
@@ -35,18 +36,15 @@ from calibrant.calibrate.hand_eye.seed import (
     seed_of_all,
 )
 from calibrant.calibrate.hand_eye.setup import SETUPS, Setup, get_setup
-from calibrant.calibrate.hand_eye.views import (
-    HandEyeViews,
-    from_target_poses,
-)
+from calibrant.calibrate.hand_eye.target_size import target_size
+from calibrant.calibrate.hand_eye.views import HandEyeViews, from_target_poses
 from calibrant.calibrate.outliers import mark, points_reason
-from calibrant.calibrate.pose_pairs import SCALE, TARGET_ROTATION, TARGET_TRANSLATION, pose_pair_problem
+from calibrant.calibrate.pose_pairs import TARGET_ROTATION, TARGET_TRANSLATION, pose_pair_problem
 from calibrant.calibrate.provenance import refuse_if_failed, stamp
 from calibrant.cameras import Camera
 from calibrant.data import (
     CalibrationResult,
     Check,
-    Measured,
     Observations,
     RobotPoses,
     SigmaRobot,
@@ -57,7 +55,6 @@ from calibrant.data import (
 )
 from calibrant.errors import RefusedError
 from calibrant.geometry import se3
-from calibrant.optimize.levenberg_marquardt import solve
 from calibrant.optimize.noise import NoiseEstimate, estimate_noise
 from calibrant.optimize.problem import Problem
 from calibrant.optimize.solution import Solution
@@ -114,8 +111,9 @@ def calibrate_hand_eye(
     if setup_answer.status == "fail":
         raise RefusedError(f"{setup_answer.name}: {setup_answer.message}")
     joint = _refine(chosen, data, seed, role, sigma_px)
+    size = _size(chosen, data, joint, None if role is None else role.camera)
     return _result(
-        chosen, poses, observations, joint, seed, report, setup_answer, fix=fix, camera_given=camera is not None
+        chosen, poses, observations, joint, seed, report, setup_answer, size, fix=fix, camera_given=camera is not None
     )
 
 
@@ -167,13 +165,11 @@ def _problem(
     X: Array,
     Z: Array,
     sigmas: dict[str, float],
-    *,
-    free_scale: bool = False,
 ) -> Problem:
     robot = data.T_base_gripper[data.use]
     if views is None or role is None:
-        return pose_pair_problem(setup, robot, data.B[data.use], X=X, Z=Z, sigmas=sigmas, free_scale=free_scale)
-    return image_problem(setup, views, robot, role, X=X, Z=Z, sigmas=sigmas, free_scale=free_scale)
+        return pose_pair_problem(setup, robot, data.B[data.use], X=X, Z=Z, sigmas=sigmas)
+    return image_problem(setup, views, robot, role, X=X, Z=Z, sigmas=sigmas)
 
 
 def _refine(setup: Setup, data: HandEyeViews, seed: Seed, role: CameraRole | None, sigma_px: float) -> Joint:
@@ -240,16 +236,10 @@ def _clean_points(views: list[View], noise: NoiseEstimate) -> list[View]:
     return out
 
 
-def _scale(setup: Setup, joint: Joint, role: CameraRole | None) -> Measured | None:
-    """The target's scale freed, all else as fitted. None when the motions do not determine it."""
-    solution = joint.noise.solution
-    X, Z = solution.value(setup.camera_transform)[0], solution.value(setup.target_transform)[0]
-    problem = _problem(setup, joint.data, joint.views, role, X, Z, dict(solution.sigmas), free_scale=True)
-    freed = solve(problem)
-    if freed.unobservable:
-        return None
-    offset = 1.0 if joint.views is not None else 0.0
-    return Measured(float(freed.value(SCALE)[0, 0] + offset), float(np.sqrt(freed.covariance(SCALE)[0, 0])))
+def _size(setup: Setup, data: HandEyeViews, joint: Joint, camera: Camera | None) -> LoopNoise | None:
+    """The target's size by the robot's motion, from the target poses that each view gave by itself."""
+    X = joint.noise.solution.value(setup.camera_transform)[0]
+    return target_size(setup, replace(data, use=joint.data.use), X, used=joint.data.use, camera=camera)
 
 
 def _result(
@@ -260,6 +250,7 @@ def _result(
     seed: Seed,
     report: MotionReport,
     setup_answer: Check,
+    size: LoopNoise | None,
     *,
     fix: Sequence[str],
     camera_given: bool,
@@ -270,7 +261,6 @@ def _result(
     A, B = _pairs(setup, data)
     loop = loop_errors(A, B, X)
     errors = leave_out(setup, data.T_base_gripper[data.use], B, joint.views, joint.role, solution, solution.sigmas)
-    scale = _scale(setup, joint, role)
     methods = compare_methods(A, B)
     methods["mean"] = mean_of_methods(A, B, methods)
     methods["joint"] = method_result(A, B, X)
@@ -284,7 +274,7 @@ def _result(
         questions.views_check(data),
         questions.loop_check(seed, loop),
         questions.held_out_check(errors.rms, loop),
-        questions.scale_check(scale),
+        questions.scale_check(size, loop),
         questions.sigma_check(np.asarray(transforms[0].sigma_translation_mm), setup.camera_parent),
         questions.convergence_check(solution, joint.noise.settled, joint.noise.rounds),
     )
@@ -301,7 +291,7 @@ def _result(
         sigma_robot=_robot_noise(joint),
         views=views,
         methods=methods,
-        target_scale=scale,
+        target_scale=None if size is None else size.size,
         held_out=errors.rms,
         options={
             "setup": setup.name,

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from calibrant.calibrate.hand_eye.loop_noise import LoopNoise
 from calibrant.calibrate.hand_eye.loops import LoopErrors
 from calibrant.calibrate.hand_eye.motion import MotionReport
 from calibrant.calibrate.hand_eye.seed import Seed
 from calibrant.calibrate.hand_eye.setup import SETUPS, Setup
 from calibrant.calibrate.hand_eye.views import HandEyeViews
-from calibrant.data import Check, HeldOut, Measured
+from calibrant.data import Check, HeldOut
 from calibrant.optimize.solution import Solution
 
 SETUP_RATIO = 3.0
@@ -78,14 +79,20 @@ def motion_checks(report: MotionReport) -> tuple[Check, ...]:
     return tuple(Check(f.name, f.status, f.message, f.value) for f in report.findings)
 
 
-def scale_check(scale: Measured | None) -> Check:
+def scale_check(size: LoopNoise | None, loop: LoopErrors) -> Check:
     """Does the target's size fit the robot's motion?"""
-    if scale is None:
+    if size is None:
         return Check("target-size", "warn", "the motions cannot tell whether the target's size is right")
-    off = scale.value - 1
+    scale = size.size
+    off = abs(scale.value - 1)
     text = f"the robot's motion says the target is {scale.value:.4f} ± {scale.sigma:.4f} times the size given"
-    if abs(off) > SCALE_WARN and abs(off) > SCALE_SIGMAS * scale.sigma:
-        return Check("target-size", "warn", f"{text}: measure the target; all distances scale with it", scale.value)
+    if off > SCALE_WARN and off > SCALE_SIGMAS * scale.sigma:
+        mm, deg = size.rms
+        message = (
+            f"{text}; at that size the loop closes to {mm:.3g} mm / {deg:.2g} deg instead of {loop.rms_mm:.3g} mm / "
+            f"{loop.rms_deg:.2g} deg: measure the target, all distances scale with it"
+        )
+        return Check("target-size", "warn", message, scale.value)
     return Check("target-size", "ok", text, scale.value)
 
 

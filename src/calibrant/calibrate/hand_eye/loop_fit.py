@@ -146,13 +146,13 @@ def fit_loop(
     c = np.ones(n) if certainty is None else np.maximum(certainty, 1.0)
     Xs = np.array(np.broadcast_to(X, (model.cameras, 4, 4)))
     Zs = _start_targets(A, B, Xs, model, used, scale)
-    deviation, rows = _linearised(A, B, Xs, Zs, scale, model)
+    deviation, rows = linearised(A, B, Xs, Zs, scale, model)
     reach = float(np.median(np.linalg.norm(B[used, :3, 3], axis=1)))
     levels = _levels(deviation, c, used, model, abs(scale) * reach)
     for _ in range(steps):
         step, normal = _step(deviation, rows, c, used, levels)
-        Xs, Zs, scale = _moved(Xs, Zs, scale, step, model)
-        deviation, rows = _linearised(A, B, Xs, Zs, scale, model)
+        Xs, Zs, scale = moved(Xs, Zs, scale, step, model)
+        deviation, rows = linearised(A, B, Xs, Zs, scale, model)
         before, levels = levels, _levels(deviation, c, used, model, abs(scale) * reach)
         size = float(np.sqrt(max(float(step @ normal @ step), 0.0)))
         settled = all(abs(new - old) <= 1e-3 * old for new, old in zip(levels, before))
@@ -163,14 +163,15 @@ def fit_loop(
     return LoopFit(Xs, Zs, scale, deviation, levels[0], levels[1], covariance, rows, used, c, model)
 
 
-def _scaled(B: Array, scale: float) -> Array:
+def scaled(B: Array, scale: float) -> Array:
+    """Target poses (n, 4, 4) with their translation times the scale."""
     out = B.copy()
     out[:, :3, 3] *= scale
     return out
 
 
 def _start_targets(A: Array, B: Array, Xs: Array, model: Model, used: NDArray[np.bool_], scale: float) -> Array:
-    loops = A @ Xs[model.camera_of] @ _scaled(B, scale)
+    loops = A @ Xs[model.camera_of] @ scaled(B, scale)
     targets = []
     for k in range(model.targets):
         mine = used & (model.target_of == k)
@@ -179,14 +180,14 @@ def _start_targets(A: Array, B: Array, Xs: Array, model: Model, used: NDArray[np
     return np.stack(targets)
 
 
-def _linearised(A: Array, B: Array, Xs: Array, Zs: Array, scale: float, model: Model) -> tuple[Array, Array]:
+def linearised(A: Array, B: Array, Xs: Array, Zs: Array, scale: float, model: Model) -> tuple[Array, Array]:
     """Deviations (n, 6) and their rows (n, 6, p) with respect to (X..., Z..., scale), tangents of se3.retract.
 
     omega <- omega + R_A dX_omega - dZ_omega,  v <- v + R_A (dX_v + dX_omega x R_X t_B) - dZ_v + R_A R_X t_B ds
     """
     n = len(A)
     X, Z = Xs[model.camera_of], Zs[model.target_of]
-    deviation = se3.local(Z, A @ X @ _scaled(B, scale))
+    deviation = se3.local(Z, A @ X @ scaled(B, scale))
     R_A = A[:, :3, :3]
     arm = np.einsum("nij,nj->ni", X[:, :3, :3], B[:, :3, 3])
     of_X = np.zeros((n, 6, 6))
@@ -205,11 +206,11 @@ def _linearised(A: Array, B: Array, Xs: Array, Zs: Array, scale: float, model: M
 
 def _levels(d: Array, c: Array, used: NDArray[np.bool_], model: Model, reach: float) -> tuple[float, float]:
     """Noise per axis of rotations and translations, each with its own unknowns taken off; reach: metres."""
-    scaled = d[used] / c[used, None]
+    alike = d[used] / c[used, None]
     groups = 3 * (model.cameras + model.targets)
     m = 3 * int(used.sum())
-    rotation = np.sqrt(np.sum(scaled[:, :3] ** 2) / max(m - groups, 1))
-    translation = np.sqrt(np.sum(scaled[:, 3:] ** 2) / max(m - groups - int(model.free_scale), 1))
+    rotation = np.sqrt(np.sum(alike[:, :3] ** 2) / max(m - groups, 1))
+    translation = np.sqrt(np.sum(alike[:, 3:] ** 2) / max(m - groups - int(model.free_scale), 1))
     least_rotation = LEVEL_RATIO * float(translation) / max(reach, 1e-9)
     least_translation = LEVEL_RATIO * reach * float(rotation)
     return (
@@ -232,7 +233,8 @@ def _step(d: Array, rows: Array, c: Array, used: NDArray[np.bool_], levels: tupl
     return step, normal
 
 
-def _moved(Xs: Array, Zs: Array, scale: float, step: Array, model: Model) -> tuple[Array, Array, float]:
+def moved(Xs: Array, Zs: Array, scale: float, step: Array, model: Model) -> tuple[Array, Array, float]:
+    """The unknowns after a step (p,) in the order of the rows of `linearised`."""
     k, m = model.cameras, model.targets
     of_X, of_Z = step[: 6 * k].reshape(k, 6), step[6 * k : 6 * (k + m)].reshape(m, 6)
     return se3.retract(Xs, of_X), se3.retract(Zs, of_Z), scale + (float(step[-1]) if model.free_scale else 0.0)

@@ -16,12 +16,12 @@ MOST = 1 / 3
 
 def examine(case: Case) -> list[Finding]:
     """Views beyond the noise of the others. To be asked last: leaving out explains nothing."""
-    out = np.flatnonzero(case.robust.outlier)
+    out = np.flatnonzero(case.condemned)
     if len(out) == 0:
         return []
     fit = case.robust.fit
     names = tuple(case.ids[k] for k in out)
-    evidence = Evidence(case.loop, loop_of(fit.deviation[~case.robust.outlier]))
+    evidence = Evidence(case.loop, loop_of(fit.deviation[~case.condemned]))
     if len(out) > MOST * len(case.index):
         message = (
             f"{len(out)} of {len(case.index)} views disagree with the others ({', '.join(names[:8])}"

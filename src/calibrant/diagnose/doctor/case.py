@@ -8,9 +8,12 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import fdtrc
 
-from calibrant.calibrate.hand_eye.robust import RobustFit, log_misfit, robust_fit
+from calibrant.calibrate.hand_eye.loop_noise import LoopNoise
+from calibrant.calibrate.hand_eye.robust import OUTLIER_P, RobustFit, log_misfit, robust_fit
 from calibrant.calibrate.hand_eye.setup import Setup, get_setup
+from calibrant.calibrate.hand_eye.target_size import target_size
 from calibrant.calibrate.hand_eye.views import HandEyeViews, from_observations, from_target_poses
 from calibrant.cameras import Camera
 from calibrant.data import Missed, Observations, RobotPoses, View
@@ -70,6 +73,33 @@ class Case:
     def robust(self) -> RobustFit:
         """X and Z of the views that agree."""
         return robust_fit(self.A, self.B, certainty=self.certainty)
+
+    @cached_property
+    def size(self) -> LoopNoise | None:
+        """The loop with the target's scale free and its sources of noise told apart; None where nothing tells it.
+
+        Views that another source of noise excuses count again: an image whose errors tilt the board is no wrong pose.
+        """
+        used = self._every(~self.robust.outlier)
+        fit = self._size(used)
+        if fit is None or used[self.index].all():
+            return fit
+        again = self._every(~self.robust.outlier | ~_beyond(fit))
+        return fit if np.array_equal(again, used) else self._size(again)
+
+    def _size(self, used: NDArray[np.bool_]) -> LoopNoise | None:
+        return target_size(self.setup, self.data, self.robust.X, used=used, camera=self.camera)
+
+    def _every(self, of_used: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(n,) of all rows from (m,) of the used ones."""
+        out = np.zeros(len(self), dtype=bool)
+        out[self.index] = of_used
+        return out
+
+    @cached_property
+    def condemned(self) -> NDArray[np.bool_]:
+        """(m,) of the poses used: those that agree with the others by no source of noise, at any size of the target."""
+        return self.robust.outlier if self.size is None else self.robust.outlier & ~self.size.used
 
     @cached_property
     def loop(self) -> Loop:
@@ -166,8 +196,14 @@ def case_of_views(
     times: Array | None = None,
 ) -> Case:
     """A case of views whose moments carry the poses' ids. Raises: InputError as `from_observations`."""
-    data = from_observations(poses, observations, camera, sigma_px=1.0)
+    data = from_observations(poses, observations, camera)
     return Case(get_setup(setup), data, observations, camera, camera_given, times)
+
+
+def _beyond(fit: LoopNoise) -> NDArray[np.bool_]:
+    """Views whose deviation none of the sources explains: F(6, freedom), all views counted."""
+    p = fdtrc(6, max(fit.freedom, 1.0), np.maximum(fit.statistic / 6, 0.0))
+    return np.asarray(p * len(p) < OUTLIER_P)
 
 
 def loop_of(deviation: Array) -> Loop:

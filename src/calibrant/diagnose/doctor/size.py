@@ -1,6 +1,7 @@
 """A target of another size than given: the robot's motion is a ruler.
 
-The target's scale s is freed in A_i X B_i(s) = Z; (s - 1) / sigma_s is Student's t when the size is right.
+The target's scale s is freed in A_i X B_i(s) = Z, with all sources of noise (`calibrate.hand_eye.loop_noise`, the
+estimate that the calibration states too); (s - 1) / sigma_s is Student's t when the size is right.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.loop_fit import LoopFit, fit_loop, plain_model
+from calibrant.calibrate.hand_eye.loop_fit import fit_loop
 from calibrant.calibrate.hand_eye.loops import loop_consistency
 from calibrant.data import Measured
 from calibrant.diagnose.doctor.case import Case
@@ -30,14 +31,6 @@ WRONG_UNIT = 2.0
 """A target twice or half as large as said: no calibration is handed out of it."""
 
 
-def freed(case: Case) -> LoopFit:
-    """The loop fitted with the target's scale free, on the views that agree."""
-    n = len(case.index)
-    used = ~case.robust.outlier
-    model = plain_model(n, free_scale=True)
-    return fit_loop(case.A, case.B, case.robust.X, model=model, used=used, certainty=case.certainty)
-
-
 def sensitivity(case: Case) -> tuple[Array, Array]:
     """Change (6,) of X and of Z for a target larger by its own size, tangents of se3.retract: rad and m."""
     step = 1e-3  # the loop is nearly linear in the scale
@@ -48,22 +41,20 @@ def sensitivity(case: Case) -> tuple[Array, Array]:
 
 def examine(case: Case) -> list[Finding]:
     """Does the target's size fit the robot's motion?"""
-    if len(case.index) < 4:
+    fit = case.size
+    if fit is None:
         return []
-    fit = freed(case)
-    value, sigma = fit.scale, fit.sigma_scale
-    if not (np.isfinite(value) and np.isfinite(sigma)) or value <= 0:
-        return []
+    value, sigma = fit.size.value, fit.size.sigma
     # Off by more than any print is: the test is of what lies beyond that.
-    p = student_test(max(abs(value - 1) - MATTERS, 0.0), sigma, fit.freedom)
+    p = student_test(max(abs(value - 1) - MATTERS, 0.0), sigma, int(fit.freedom))
     if p > CONVINCING:
         return []
     repaired = case.scaled(value)
-    if loop_consistency(repaired.A, repaired.B, fit.X[0]).score > CONSISTENT:
+    if loop_consistency(repaired.A, repaired.B, fit.X).score > CONSISTENT:
         return []  # motions that have nothing in common have no scale either
     evidence = Evidence(case.loop, repaired.loop)
     unit = next((words for ratio, words in UNITS.items() if abs(value / ratio - 1) < UNIT_SHARE), None)
-    text = f"{value:.4g} +- {sigma:.1g} times as large as given"
+    text = f"{value:.4f} +- {sigma:.4f} times as large as given"
     cause = f" ({unit})" if unit else ""
     share = f"; at that size {evidence.text}"
     gross = max(value, 1 / value) > WRONG_UNIT

@@ -67,7 +67,7 @@ def leave_out(
         mm[out] = 1e3 * np.linalg.norm(delta[:, 3:], axis=1)
         if views is not None:
             predicted = se3.inverse(X) @ se3.inverse(A) @ Z
-            px[out] = [_rms_px(camera, views[int(i)], T) for i, T in zip(np.flatnonzero(out), predicted)]
+            px[out] = [rms_px(camera, views[int(i)], T) for i, T in zip(np.flatnonzero(out), predicted)]
     return PoseErrors(mm, deg, px if views is not None else None)
 
 
@@ -100,7 +100,7 @@ def _fit_without(
     return solution.value(setup.camera_transform)[0], solution.value(setup.target_transform)[0], camera
 
 
-def _rms_px(camera: Camera, view: View, T_camera_target: Array) -> float:
+def rms_px(camera: Camera, view: View, T_camera_target: Array) -> float:
     """Distance between predicted and observed pixels of a view; points behind the camera count as an image's width."""
     d = camera.project(se3.apply(T_camera_target, view.points)) - view.uv
     d = np.where(np.isfinite(d), d, float(camera.image_size[0]))

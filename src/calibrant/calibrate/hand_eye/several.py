@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from calibrant.calibrate.hand_eye.joint import CameraRole, prior_camera
 from calibrant.calibrate.hand_eye.joint_offsets import FreeJoints, JointReadings, free_joints
 from calibrant.calibrate.hand_eye.photos import judge
+from calibrant.calibrate.hand_eye.several_file import PICTURES
 from calibrant.calibrate.hand_eye.several_problem import (
     Several,
     fitted_cameras,
@@ -29,7 +30,15 @@ from calibrant.calibrate.hand_eye.several_problem import (
     several_problem,
 )
 from calibrant.calibrate.hand_eye.several_result import several_result
-from calibrant.calibrate.hand_eye.several_setting import ONLY_ROBOT, STANDING, Frame, Layout, Pictures, layout
+from calibrant.calibrate.hand_eye.several_setting import (
+    ONLY_ROBOT,
+    STANDING,
+    Frame,
+    Layout,
+    Pictures,
+    id_prefix,
+    layout,
+)
 from calibrant.calibrate.hand_eye.several_start import several_start
 from calibrant.calibrate.hand_eye.views import HandEyeViews, from_observations
 from calibrant.calibrate.intrinsics import calibrate_keeping
@@ -92,6 +101,9 @@ def calibrate_several(
     left_out = tuple(v for s in seen.values() for v in s.left_out)
     options = {
         "setup": {p.camera: p.setup for p in pictures},
+        PICTURES: [
+            {"camera": p.camera, "robot": p.robot, "setup": p.setup, "target": p.target} for p in where.pictures
+        ],
         "cameras": {name: "given" if name in known else "calibrated from the same images" for name in where.cameras},
         **({"identify": list(identify)} if free else {}),
     }
@@ -102,12 +114,10 @@ def calibrate_several(
 
 def _with_own_ids(pictures: Sequence[Pictures]) -> list[Pictures]:
     """Views of a camera that stands in several lists get the robot's name in front: ids are unique in a camera."""
-    lists = [p.camera for p in pictures]
+    lists = [(p.camera, p.robot) for p in pictures]
     out = []
     for i, p in enumerate(pictures):
-        prefix = "" if lists.count(p.camera) == 1 else f"{p.robot}/"
-        if prefix and any(q.camera == p.camera and q.robot == p.robot for q in pictures[:i]):
-            prefix = f"{p.robot}/{i}/"
+        prefix = id_prefix(lists, i)
         rename = [replace(v, id=f"{prefix}{v.id}", camera=p.camera) for v in p.observations.views]
         missed = [replace(m, id=f"{prefix}{m.id}", camera=p.camera) for m in p.observations.missed]
         size = next(iter(p.observations.image_sizes.values()))

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 from calibrant.calibrate.chain import link_maps, product
 from calibrant.calibrate.hand_eye.consistency import CHI2_6_LIMIT, CHI2_6_MEDIAN, ROUNDING
-from calibrant.calibrate.hand_eye.joint import FLOORS, PIXEL, ROBOT_ROTATION, ROBOT_TRANSLATION, CameraRole
+from calibrant.calibrate.hand_eye.joint import FLOORS, PIXEL, ROBOT_ROTATION, ROBOT_TRANSLATION, SCALE, CameraRole
 from calibrant.calibrate.hand_eye.joint_offsets import FreeJoints
 from calibrant.calibrate.hand_eye.several_setting import STANDING, Frame, Layout, poses_variable, variable
 from calibrant.calibrate.hand_eye.views import HandEyeViews
-from calibrant.calibrate.reprojection import ReprojectionFactor, stack
+from calibrant.calibrate.reprojection import ReprojectionFactor, TargetModes, stack
 from calibrant.cameras import Camera
 from calibrant.data import View
 from calibrant.geometry import se3
@@ -107,6 +107,11 @@ def errors_variable(robot: str) -> str:
     return f"joint errors of {robot}"
 
 
+def scale_variable(target: str) -> str:
+    """Name of a target's scale, less 1."""
+    return f"{SCALE} {target}"
+
+
 def pictures_factor(i: int) -> str:
     """Name of the reprojection factor of list i."""
     return f"pictures {i}"
@@ -120,8 +125,10 @@ def floors(several: Several) -> dict[str, float]:
     return out | {joint_group(robot): FLOORS[ROBOT_ROTATION] for robot in several.free}
 
 
-def several_problem(several: Several, transforms: Mapping[Frame, Array], sigmas: Mapping[str, float]) -> Problem:
-    """The problem over all views that are used, started at these transforms."""
+def several_problem(
+    several: Several, transforms: Mapping[Frame, Array], sigmas: Mapping[str, float], *, free_scale: bool = False
+) -> Problem:
+    """The problem over all views that are used, started at these transforms; `free_scale`: with the targets' sizes."""
     layout = several.layout
     variables = [Variable(variable(f), SE3(), T[None], words=f"the place of {f[1]}") for f, T in transforms.items()]
     factors: list[Factor] = []
@@ -133,13 +140,18 @@ def several_problem(several: Several, transforms: Mapping[Frame, Array], sigmas:
         index = {name: k for k, name in enumerate(several.moments(p.robot))}
         rows = np.array([index.get(name, 0) for name in several.used_ids(i)], dtype=np.int64)
         role = lenses[p.camera] = several.roles[p.camera]
+        stacked, scale = stack(views), scale_variable(p.target)
+        if free_scale and all(v.name != scale for v in variables):
+            variables.append(Variable(scale, Euclidean(("scale",)), np.zeros((1, 1))))
         factors.append(
             ReprojectionFactor(
                 pictures_factor(i),
                 model=role.camera.model,
                 camera=lens_variable(p.camera),
                 chain=layout.chain(p, rows),
-                views=stack(views),
+                views=stacked,
+                # The mode's amplitude is scale - 1: points + (s - 1) points.
+                modes=TargetModes(scale, stacked.points[None]) if free_scale else None,
                 noise=pixel_group(p.camera),
             )
         )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations
 from typing import Any
 
@@ -11,8 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.calibrate.chain import Link, link_maps, product
-from calibrant.calibrate.hand_eye.checks import LOOP_WARN, convergence_check
 from calibrant.calibrate.hand_eye.held_out import CLOSE_ENOUGH
+from calibrant.calibrate.hand_eye.held_out import rms_px as _rms_of
+from calibrant.calibrate.hand_eye.seed import compare_methods, mean_of_methods, method_result
+from calibrant.calibrate.hand_eye.setup import get_setup
+from calibrant.calibrate.hand_eye.several_checks import LoopDeviations, several_checks
 from calibrant.calibrate.hand_eye.several_problem import (
     Several,
     fitted_cameras,
@@ -25,14 +28,18 @@ from calibrant.calibrate.hand_eye.several_problem import (
     prediction,
     robot_groups,
     said_poses,
+    scale_variable,
     several_problem,
 )
-from calibrant.calibrate.hand_eye.several_setting import STANDING, Frame, Layout, variable
+from calibrant.calibrate.hand_eye.several_setting import STANDING, Frame, Layout, Pictures, variable
+from calibrant.calibrate.hand_eye.views import HandEyeViews
+from calibrant.calibrate.outliers import points_reason
 from calibrant.data import (
     CalibrationResult,
-    Check,
     HeldOut,
     JointCovariance,
+    Measured,
+    MethodResult,
     Observations,
     RobotPoses,
     SigmaRobot,
@@ -52,23 +59,6 @@ Mask = NDArray[np.bool_]
 
 FOLDS = 10
 """Groups that are held out one after the other: a tenth less data costs no more than the tenth of a sigma."""
-HELD_OUT_FACTOR = 2.0
-"""Leaving one of n poses out inflates the error by about 1 + 6 / n; twofold means single poses carry the result."""
-
-TOGETHER_WARN = 1.5
-"""Noise of a camera in the joint fit over its own: a common pose for all leaves it nearly as it is, a few per cent."""
-
-
-@dataclass(frozen=True, eq=False)
-class LoopDeviations:
-    """Distance (mm) and angle (deg) between where each used view sees its target and where the robot puts it."""
-
-    mm: Array
-    deg: Array
-
-    @property
-    def rms(self) -> tuple[float, float]:
-        return float(np.sqrt(np.mean(self.mm**2))), float(np.sqrt(np.mean(self.deg**2)))
 
 
 def several_result(
@@ -79,24 +69,75 @@ def several_result(
     loop = _deviations(several, solution, [d.use for d in several.data])
     held = _held_out(several, solution)
     views = (*_views(several, solution), *left_out)
-    checks = _checks(several, noise, loop, held, views)
+    transforms, scales = _transforms(several, solution), _scales(several, solution)
+    checks = several_checks(several, noise, loop, held, views, transforms, scales)
     levels = noise.levels
     return CalibrationResult(
         kind="hand-eye",
         verdict=verdict_of(checks),
         checks=checks,
         cameras=fitted_cameras(several, solution),
-        transforms=_transforms(several, solution),
+        transforms=transforms,
         joint_covariance=_joint(several, solution),
         rms_px=_rms_px(several, solution),
         sigma_px=_pooled([levels[pixel_group(c)] for c in layout.cameras]),
         sigma_robot=_sigma_robot(several, noise, next(iter(layout.robots))) if len(layout.robots) == 1 else None,
         views=views,
-        held_out=None if held is None else HeldOut(*held.rms),
+        methods=_methods(several, solution),
+        target_scale=next(iter(scales.values())) if len(scales) == 1 else None,
+        held_out=None if held is None else HeldOut(*held.rms, held.rms_px),
         options={**options, **_figures(several, noise)},
         observations=_observations(layout),
         robot_poses=_poses(several, solution),
     )
+
+
+def _methods(several: Several, solution: Solution) -> dict[str, MethodResult]:
+    """The table of a single camera for each list of pictures that is a hand-eye problem of its own; names have the
+    list's in front: "left: park"."""
+    out: dict[str, MethodResult] = {}
+    for p, data in zip(several.layout.pictures, several.data):
+        if p.setup == STANDING or data.use.sum() < 3:
+            continue
+        setup = get_setup(p.setup)
+        A, B = setup.normal_form(_said_at(several, solution, p.robot, data)), data.B[data.use]
+        table = compare_methods(A, B)
+        table["mean"] = mean_of_methods(A, B, table)
+        table["joint"] = method_result(A, B, _camera_at(several, solution, p))
+        label = p.camera if len(several.layout.robots) == 1 else f"{p.camera} at {p.robot}"
+        out |= {f"{label}: {name}": row for name, row in table.items()}
+    return out
+
+
+def _said_at(several: Several, solution: Solution, robot: str, data: HandEyeViews) -> Array:
+    """T_base_gripper of the used rows, joint offsets applied."""
+    index = {name: k for k, name in enumerate(several.layout.robots[robot].ids)}
+    return said_poses(several, solution, robot)[[index[i] for i, use in zip(data.ids, data.use) if use]]
+
+
+def _camera_at(several: Several, solution: Solution, p: Pictures) -> Array:
+    """X of these pictures' own problem: the camera in the gripper, or in this robot's base."""
+    layout, (at, camera) = several.layout, several.layout.constants(p)[0]
+    X = solution.value(variable((layout.camera_parent(p), camera)))[0]
+    if at == layout.camera_parent(p):
+        return X
+    return np.asarray(se3.inverse(solution.value(variable((layout.root, at)))[0]) @ X)
+
+
+def _scales(several: Several, solution: Solution) -> dict[str, Measured]:
+    """Scale of each target by the robots' motion, all else as fitted; empty where the motions do not tell them."""
+    problem = several_problem(several, fitted_transforms(several, solution), solution.sigmas, free_scale=True)
+    targets = {scale_variable(p.target): p.target for p in several.layout.pictures}
+    start = _nearest_start(problem, solution, new=targets)
+    freed = solve(problem, start=start, options=CLOSE_ENOUGH)
+    if freed.unobservable:
+        return {}
+    there = {v.name for v in problem.variables}
+    return {
+        target: Measured(1 + float(freed.value(name)[0, 0]), float(np.sqrt(freed.covariance(name)[0, 0])))
+        for name, target in targets.items()
+        if name in there
+    }
 
 
 def _transforms(several: Several, solution: Solution) -> tuple[TransformEstimate, ...]:
@@ -129,13 +170,18 @@ def _joint(several: Several, solution: Solution) -> JointCovariance:
 
 def _deviations(several: Several, solution: Solution, rows: Sequence[Mask]) -> LoopDeviations:
     """Of these rows of every list; standing cameras have no loop."""
-    deltas = [np.zeros((0, 6))]
+    deltas, px = [np.zeros((0, 6))], [np.zeros(0)]
+    cameras = fitted_cameras(several, solution)
     for i, (p, r) in enumerate(zip(several.layout.pictures, rows)):
-        if p.setup != STANDING and r.any():
-            T, _ = prediction(several, solution, i, r)
-            deltas.append(se3.local(T, several.data[i].B[r]))
+        if p.setup == STANDING or not r.any():
+            continue
+        T, _ = prediction(several, solution, i, r)
+        deltas.append(se3.local(T, several.data[i].B[r]))
+        seen = [v for v, wanted in zip(several.data[i].views or (), r) if wanted]
+        px.append(np.array([_rms_of(cameras[p.camera], v, pose) for v, pose in zip(seen, T)]))
     d = np.concatenate(deltas)
-    return LoopDeviations(1e3 * np.linalg.norm(d[:, 3:], axis=1), np.rad2deg(np.linalg.norm(d[:, :3], axis=1)))
+    mm, deg = 1e3 * np.linalg.norm(d[:, 3:], axis=1), np.rad2deg(np.linalg.norm(d[:, :3], axis=1))
+    return LoopDeviations(mm, deg, np.concatenate(px))
 
 
 def _held_out(several: Several, solution: Solution) -> LoopDeviations | None:
@@ -145,7 +191,7 @@ def _held_out(several: Several, solution: Solution) -> LoopDeviations | None:
     if folds < 4:
         return None
     fold = {moment: k % folds for k, moment in enumerate(moments)}
-    transforms, mm, deg = fitted_transforms(several, solution), [], []
+    transforms, parts = fitted_transforms(several, solution), []
     for k in range(folds):
         out = [
             np.array([use and fold.get((p.robot, name), -1) == k for name, use in zip(d.ids, d.use)], dtype=bool)
@@ -159,16 +205,18 @@ def _held_out(several: Several, solution: Solution) -> LoopDeviations | None:
         without = solve(problem, start=_nearest_start(problem, solution), options=CLOSE_ENOUGH)
         if without.unobservable:
             return None
-        errors = _deviations(several, without, out)
-        mm.append(errors.mm)
-        deg.append(errors.deg)
-    return LoopDeviations(np.concatenate(mm), np.concatenate(deg))
+        parts.append(_deviations(several, without, out))
+    mm, deg, px = (np.concatenate([getattr(p, name) for p in parts]) for name in ("mm", "deg", "px"))
+    return LoopDeviations(mm, deg, px)
 
 
-def _nearest_start(problem: Problem, fit: Solution) -> Values:
-    """Values of the problem's unknowns as fitted with more views, moment by moment."""
+def _nearest_start(problem: Problem, fit: Solution, new: Collection[str] = ()) -> Values:
+    """Values of the problem's unknowns as fitted with more views, moment by moment; `new` ones as they are."""
     out = []
     for v in problem.variables:
+        if v.name in new:
+            out.append(v.values)
+            continue
         values = fit.value(v.name)
         if len(values) != v.count:
             whole = fit.problem.variables[fit.problem.variable_index(v.name)]
@@ -185,10 +233,17 @@ def _views(several: Several, solution: Solution) -> list[ViewResult]:
         squares, poses = _fit_of(solution, i) if views else (np.zeros(0), np.zeros((0, 4, 4)))
         parts = iter(np.split(squares, np.cumsum([len(v) for v in views])[:-1]) if views else ())
         refined = iter(poses)
+        total = {v.id: len(v) for v in p.observations.views}
         for view, use, reason, B in zip(data.views or (), data.use, data.reasons, data.B):
-            rms = float(np.sqrt(next(parts).mean())) if use else None
-            T = next(refined) if use else B
-            out.append(ViewResult(view.id, bool(use), len(view), rms, reason, p.camera, 0, T))
+            if not use:
+                out.append(ViewResult(view.id, False, len(view), None, reason, p.camera, 0, B))
+                continue
+            squares_here = next(parts)
+            lost = total.get(view.id, len(view)) - len(view)
+            far = float(np.sqrt(squares_here.max()))
+            words = reason or (points_reason(lost, len(view) + lost, far) if lost else None)
+            rms = float(np.sqrt(squares_here.mean()))
+            out.append(ViewResult(view.id, True, len(view), rms, words, p.camera, lost, next(refined)))
     return out
 
 
@@ -286,87 +341,3 @@ def _poses(several: Several, solution: Solution) -> RobotPoses:
     T = np.concatenate([said_poses(several, solution, r) for r in robots])
     source = "joint offsets applied" if several.free else "; ".join(p.source for p in robots.values() if p.source)
     return RobotPoses(tuple(ids), T, source)
-
-
-def _checks(
-    several: Several,
-    noise: NoiseEstimate,
-    loop: LoopDeviations,
-    held: LoopDeviations | None,
-    views: Sequence[ViewResult],
-) -> tuple[Check, ...]:
-    checks = [_views_check(views), _loop_check(several, loop), *_pixel_checks(several, noise)]
-    if held is not None:
-        checks.append(_held_out_check(loop, held))
-    checks += [_certainty_check(t) for t in _transforms(several, noise.solution) if t.child in several.layout.cameras]
-    checks += [_joints_check(several, robot, noise.solution) for robot in several.free]
-    return (*checks, convergence_check(noise.solution, noise.settled, noise.rounds))
-
-
-def _views_check(views: Sequence[ViewResult]) -> Check:
-    used = sum(v.used for v in views)
-    out = [f"{v.camera}: {v.id}" for v in views if not v.used]
-    text = f"{used} of {len(views)} views used" + (f"; left out: {', '.join(out[:8])}" if out else "")
-    return Check("views", "warn" if used < len(views) * 2 / 3 else "ok", text, float(used))
-
-
-def _loop_check(several: Several, loop: LoopDeviations) -> Check:
-    """Are robots and cameras of one opinion?"""
-    mm, deg = loop.rms
-    motion = [d.B[d.use][:, :3, 3] for p, d in zip(several.layout.pictures, several.data) if p.setup != STANDING]
-    size = max((1e3 * float(np.linalg.norm(t - t.mean(axis=0), axis=1).mean()) for t in motion if len(t)), default=0.0)
-    text = f"cameras and robots agree on the targets to {mm:.3g} mm / {deg:.2g} deg rms"
-    if size > 0 and mm > LOOP_WARN * size:
-        return Check("loop", "warn", f"{text}, {mm / size:.0%} of the motion: expect no better accuracy", mm)
-    return Check("loop", "ok", text, mm)
-
-
-def _pixel_checks(several: Several, noise: NoiseEstimate) -> list[Check]:
-    """Does every camera fit into the whole as well as it fits by itself? Only where others could contradict it."""
-    if len(several.layout.cameras) < 2:
-        return []
-    out = []
-    for camera in several.layout.cameras:
-        own = max(d.sigma_px for p, d in zip(several.layout.pictures, several.data) if p.camera == camera)
-        together = noise.levels[pixel_group(camera)].sigma
-        ratio = together / own
-        text = f"{camera}: {together:.3g} px noise together with the others, {own:.3g} px by itself"
-        if ratio > TOGETHER_WARN:
-            text += (
-                ": the cameras moved against each other or against the target, or their photos of one pose were not "
-                "taken at one pose"
-            )
-        out.append(Check(f"together-{camera}", "warn" if ratio > TOGETHER_WARN else "ok", text, ratio))
-    return out
-
-
-def _held_out_check(loop: LoopDeviations, held: LoopDeviations) -> Check:
-    (mm, deg), ratio = held.rms, held.rms[0] / max(loop.rms[0], 1e-9)
-    text = f"views left out of the calibration are predicted to {mm:.3g} mm / {deg:.2g} deg rms"
-    if ratio > HELD_OUT_FACTOR and mm > 1e-6:
-        return Check("held-out", "warn", f"{text}, {ratio:.1f} times the loop: single poses carry the result", ratio)
-    return Check("held-out", "ok", text, ratio)
-
-
-def _certainty_check(t: TransformEstimate) -> Check:
-    sigma = np.asarray(t.sigma_translation_mm)
-    axes = ", ".join(f"{s:.2g}" for s in sigma)
-    text = f"{t.child} in the frame of {t.parent} is known to ({axes}) mm (1 sigma along x, y, z)"
-    return Check(f"certainty-{t.parent}-{t.child}", "ok", text, float(np.linalg.norm(sigma)))
-
-
-def _joints_check(several: Several, robot: str, solution: Solution) -> Check:
-    """What was found of a robot's joints, in words."""
-    from calibrant.calibrate.kinematics.identify import figure
-
-    rows = several.free[robot].parameters(solution, geometry_variable(robot))
-    found = [p for p in rows if p.sigma is not None]
-    held = [p for p in rows if p.sigma is None]
-    text = "; ".join(
-        f"{p.parameter.name} {figure(p.correction, p.parameter.unit)} ± {figure(p.sigma or 0.0, p.parameter.unit)}"
-        for p in found
-    )
-    more = f"; held: {', '.join(f'{p.parameter.name} ({p.reason})' for p in held)}" if held else ""
-    if not found:
-        return Check("joints", "warn", f"nothing of the robot's joints can be told from these pictures{more}", 0.0)
-    return Check("joints", "ok", f"{text}{more}", float(len(found)))

@@ -150,6 +150,17 @@ class Layout:
         return [*links, *arm, Link(variable((self.target_parent(p), self.target(p))), once)]
 
 
+def id_prefix(lists: Sequence[tuple[str, str]], i: int) -> str:
+    """What the view ids of list i begin with: the robot's name, where a camera stands in several lists.
+
+    lists: (camera, robot) of each.
+    """
+    camera, robot = lists[i]
+    if [c for c, _ in lists].count(camera) == 1:
+        return ""
+    return f"{robot}/{i}/" if lists[i] in lists[:i] else f"{robot}/"
+
+
 def variable(frame: Frame) -> str:
     """Name of a transform's unknown."""
     return f"T_{frame[0]}_{frame[1]}"

@@ -68,7 +68,8 @@ def test_two_cameras_by_name(calibrant, pair: Pair, cell, tmp_path: Path) -> Non
     out, page = tmp_path / "result.json", tmp_path / "result.html"
     outcome = calibrant(
         "hand-eye", "--images", f"left={pair.left}", "--images", f"right={pair.right}/*.png", "--poses", pair.poses,
-        "--target", TARGET, "--out", out, "--report", page,
+        "--target", TARGET, "--out", out, "--report", page, "--workspace", "300mm:500mm,-100mm:100mm,0mm:50mm",
+        "--tolerance", "50mm",
     )  # fmt: skip
     assert (outcome.status, outcome.err) == (0, "")
     result = cb.read(out)
@@ -81,7 +82,18 @@ def test_two_cameras_by_name(calibrant, pair: Pair, cell, tmp_path: Path) -> Non
     assert np.sqrt(d @ np.linalg.solve(between.covariance, d) / 6) < 2
     assert result.joint_covariance is not None
     assert "T_left_right" in outcome.out
-    assert "left" in page.read_text()
+    text = page.read_text()
+    assert "In the workspace: left" in text
+    assert "Target as each camera sees it" in text
+    assert {result.check(f"workspace-{c}").status for c in ("left", "right")} == {"ok"}
+    assert {"left: park", "left: joint", "right: mean"} <= set(result.methods)
+    assert result.target_scale is not None
+    # A board at its true size, by some 8 poses with the cell's noise: within 4 sigma.
+    assert abs(result.target_scale.value - 1) < 4 * result.target_scale.sigma
+    # A tolerance that cannot be met: status 1 and both cameras told, from the file alone.
+    again = calibrant("report", out, "--workspace", "300mm:500mm,-100mm:100mm,0mm:50mm", "--tolerance", "0.001mm")
+    assert again.status == 1
+    assert "NOT within the tolerance" in again.err
 
 
 def test_free_joints_from_joint_values(calibrant, pair: Pair, cell, tmp_path: Path) -> None:
@@ -107,7 +119,11 @@ def test_free_joints_from_joint_values(calibrant, pair: Pair, cell, tmp_path: Pa
         (("--images", "left@a={left}"), "robot 'a', which has no poses"),
         (("--images", "left={left}", "--setup", "left=eye-in-foot"), "unknown setup"),
         (("--images", "left={left}", "--identify", "offsets"), "--identify needs the joints"),
-        (("--images", "left={left}", "--workspace", "0mm:1mm,0mm:1mm,0mm:1mm"), "not available with several"),
+        (
+            ("--images", "left={left}", "--identify", "offsets", "--workspace", "0mm:1mm,0mm:1mm,0mm:1mm"),
+            "not available with --identify",
+        ),
+        (("--images", "left={left}", "--tolerance", "1mm"), "--workspace"),
     ],
 )
 def test_what_does_not_fit_together_is_said(calibrant, pair: Pair, arguments: tuple[str, ...], words: str) -> None:

@@ -177,9 +177,9 @@ def test_tolerance_passes_and_fails(eye_to_hand: CalibrationResult) -> None:
     assert "NOT within the tolerance of 0.05 mm" in bad.check("workspace").message
     assert "target" in bad.check("workspace").message
     again = asked_workspace(bad)
-    assert again is not None
-    assert again.worst.radius_mm == pytest.approx(bad.check("workspace").value)
-    assert asked_workspace(eye_to_hand) is None
+    assert list(again) == ["camera"]
+    assert again["camera"].worst.radius_mm == pytest.approx(bad.check("workspace").value)
+    assert asked_workspace(eye_to_hand) == {}
 
 
 def test_a_workspace_behind_the_camera_is_refused(eye_to_hand: CalibrationResult) -> None:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibrant.cli import hand_eye_data, session
-from calibrant.cli.hand_eye_run import Request, require_sound
+from calibrant.cli.hand_eye_run import Request, in_workspace, require_sound
 from calibrant.errors import InputError
 
 if TYPE_CHECKING:
@@ -153,11 +153,17 @@ def calibrate(request: SeveralRequest) -> CalibrationResult:
     from calibrant.calibrate.hand_eye.several import calibrate_several
     from calibrant.calibrate.hand_eye.several_setting import ONLY_ROBOT
     from calibrant.data import verdict_of
+    from calibrant.diagnose.review import review
+    from calibrant.diagnose.workspace_volume import check_request
 
-    for option, given in (("--workspace", request.common.workspace), ("--mirror-x", request.common.mirror_x)):
-        if given:
-            raise InputError(f"{option} is not available with several cameras or robots, or free joints")
-    if request.identify and request.common.arm.robot is None:
+    common = request.common
+    check_request(common.workspace, common.tolerance, common.target_sigma)
+    if request.identify and common.workspace is not None:
+        raise InputError(
+            "--workspace is not available with --identify: the result file does not hold what the offsets add to it; "
+            "calibrate once more with the corrected robot, without --identify"
+        )
+    if request.identify and common.arm.robot is None:
         raise InputError("--identify needs the joints: --robot FILE, and --poses with joint values")
     lists = [_read(request, camera, robot, images) for (camera, robot), images in request.images.items()]
     robots = {name or ONLY_ROBOT: _poses_of(lists, name or ONLY_ROBOT) for name in request.poses}
@@ -179,10 +185,11 @@ def calibrate(request: SeveralRequest) -> CalibrationResult:
         result,
         checks=checks,
         verdict=verdict_of(checks),
-        options={**result.options, "pose_reading": readings},
+        options={**result.options, "pose_reading": readings, **({"mirror_x": True} if common.mirror_x else {})},
         inputs=session.file_records(files),
     )
-    return session.with_misses(done)
+    reviewed = review(session.with_misses(done))
+    return in_workspace(reviewed, common.workspace, common.tolerance, common.target_sigma)
 
 
 def _alone(request: SeveralRequest, camera: str, images: tuple[str, ...], poses: tuple[str, ...]) -> Request:

@@ -54,5 +54,7 @@ def report(
         if not quiet:
             typer.echo(f"\nWritten: {out}")
     if workspace is not None:
-        # Of the checks only this one is new: a report of a refused result is a report.
-        refuse_if_failed(replace(found, checks=(found.check("workspace"),)))
+        from calibrant.diagnose.workspace import is_workspace_check
+
+        # Of the checks only these are new: a report of a refused result is a report.
+        refuse_if_failed(replace(found, checks=tuple(c for c in found.checks if is_workspace_check(c))))

@@ -36,7 +36,7 @@ from calibrant.calibrate.pose_pairs import (
 from calibrant.calibrate.reprojection import ReprojectionFactor, TargetModes, stack
 from calibrant.calibrate.weights import completed
 from calibrant.cameras import Camera
-from calibrant.data import CalibrationResult, View, ViewResult
+from calibrant.data import CalibrationResult, Measured, View, ViewResult
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3
 
@@ -149,7 +149,7 @@ def error_budget(result: CalibrationResult, *, target_sigma: float = TARGET_SIGM
     RefusedError where the motions do not determine it.
     """
     setup = _setup_of(result)
-    target_sigma = _target_sigma(result, target_sigma)
+    target_sigma = with_motion(result.target_scale, target_sigma)
     X = result.transform(setup.camera_parent, "camera").matrix
     Z = result.transform(setup.target_parent, "target").matrix
     if result.observations is None:
@@ -165,15 +165,14 @@ def error_budget(result: CalibrationResult, *, target_sigma: float = TARGET_SIGM
     return ErrorBudget(setup, X, Z, camera, noise, _sources(totals, known, target_sigma), target_sigma, notes)
 
 
-def _target_sigma(result: CalibrationResult, stated: float) -> float:
+def with_motion(measured: Measured | None, stated: float) -> float:
     """RMS error of the size that the calibration used, given what was known before and what the motion says.
 
     Both are normal: the size is m +- s with 1 / s^2 = 1 / stated^2 + 1 / sigma^2 and m between 1 and the measured
     value. The calibration used 1, so its error is sqrt((m - 1)^2 + s^2).
     """
-    if stated == 0.0 or result.target_scale is None or result.target_scale.sigma == 0.0:
+    if stated == 0.0 or measured is None or measured.sigma == 0.0:
         return stated
-    measured = result.target_scale
     weight = stated**2 / (stated**2 + measured.sigma**2)
     return float(np.hypot(weight * (measured.value - 1), np.sqrt(weight) * measured.sigma))
 
@@ -262,7 +261,7 @@ def _sources(
     """Covariances by source from information by noise source over (X, Z, nuisances, scale); see the module."""
     H = np.sum(list(totals.values()), axis=0)
     size = len(H) - 1
-    C = _inverse(H[:12, :12])
+    C = inverse_information(H[:12, :12])
     out = {}
     for name, S in totals.items():
         out[name] = np.zeros((size, size))
@@ -278,7 +277,7 @@ def _sources(
     return out
 
 
-def _inverse(H: Array) -> Array:
+def inverse_information(H: Array) -> Array:
     """Inverse of the information of (X, Z), scaled. Raises: RefusedError when it is singular."""
     scale = 1 / np.sqrt(np.maximum(np.diag(H), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(H * scale[:, None] * scale)

@@ -27,8 +27,9 @@ from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
 from calibrant.cameras import Camera
-from calibrant.data import CalibrationResult, Check, verdict_of
+from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Check, verdict_of
 from calibrant.diagnose.error_budget import TARGET_SIGMA, ErrorBudget, error_budget, used_views
+from calibrant.diagnose.several_budget import several_budgets
 from calibrant.diagnose.workspace_volume import STEPS, Volume, check_request, parse_fraction, parse_volume
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
@@ -59,7 +60,7 @@ class WorkspaceUncertainty:
     covariances: by source, (nx, ny, nz, 3, 3) square metres; visible (nx, ny, nz): in the image of the camera where it
     stands (eye-to-hand), or from one of the calibration's poses (eye-in-hand). centre: of the volume's middle.
     camera_mm, camera_deg: 1 sigma of the camera itself along its worst direction; for eye-in-hand in the gripper.
-    target_sigma: relative RMS error of the target's size that the figures contain.
+    target_sigma: relative RMS error of the target's size that the figures contain. base: the frame of the volume.
     """
 
     volume: Volume
@@ -72,6 +73,7 @@ class WorkspaceUncertainty:
     camera_parent: str
     target_sigma: float
     notes: tuple[str, ...]
+    base: str = "base"
 
     @cached_property
     def covariance(self) -> Array:
@@ -113,9 +115,41 @@ def workspace_uncertainty(
     of the volume can be seen; RefusedError where the motions do not determine the result.
     """
     budget = error_budget(result, target_sigma=target_sigma)
+    looks = _calibration_looks(result, budget) if budget.setup.camera_parent == "gripper" else None
+    return _in_volume(budget, looks, volume, steps)
+
+
+def workspace_of_cameras(
+    result: CalibrationResult, volume: Volume, *, target_sigma: float = TARGET_SIGMA, steps: Sequence[int] = STEPS
+) -> dict[str, WorkspaceUncertainty]:
+    """The same for every camera of a result, by name. Cameras on a robot that is not the first are told in the base of
+    their own robot.
+
+    Raises: InputError as `workspace_uncertainty`, naming the camera; or where joints were free.
+    """
+    several = several_budgets(result, target_sigma=target_sigma)
+    if several is None:
+        name = next(iter(result.cameras), DEFAULT_CAMERA)
+        return {name: workspace_uncertainty(result, volume, target_sigma=target_sigma, steps=steps)}
+    out = {}
+    for name, own in several.items():
+        looks = None
+        if own.budget.setup.camera_parent == "gripper":
+            B = se3.inverse(own.T_base_gripper @ own.budget.X) @ own.T_base_target
+            looks = own.T_base_gripper, se3.apply(B, own.middle)
+        try:
+            out[name] = replace(_in_volume(own.budget, looks, volume, steps), base=own.parent)
+        except InputError as error:
+            raise InputError(f"camera {name}: {error}") from error
+    return out
+
+
+def _in_volume(
+    budget: ErrorBudget, looks: tuple[Array, Array] | None, volume: Volume, steps: Sequence[int]
+) -> WorkspaceUncertainty:
     points = volume.grid(steps)
     flat = points.reshape(-1, 3)
-    covariances, visible = _seen(result, budget, np.vstack([flat, volume.centre]))
+    covariances, visible = _seen(budget, looks, np.vstack([flat, volume.centre]))
     shape = points.shape[:3]
     X = {name: C[:6, :6] for name, C in budget.sources.items()}
     total = np.sum(list(X.values()), axis=0)
@@ -174,10 +208,11 @@ def workspace_check(found: WorkspaceUncertainty, *, tolerance: float | None = No
     """
     worst = found.worst
     where = ", ".join(f"{1e3 * c:.0f}" for c in worst.point)
+    frame = "" if found.base == "base" else f" in the frame {found.base}"
     text = (
-        f"a point that the camera sees is known to {worst.sigma_mm:.2g} mm (1 sigma, worst direction) at the worst "
-        f"place of the volume ({where} mm), {found.mean_mm:.2g} mm on average, {found.centre.sigma_mm:.2g} mm in its "
-        f"middle; 95 % of the errors stay below {worst.radius_mm:.2g} mm. {budget_words(worst.shares)}"
+        f"a point that the camera sees{frame} is known to {worst.sigma_mm:.2g} mm (1 sigma, worst direction) at the "
+        f"worst place of the volume ({where} mm), {found.mean_mm:.2g} mm on average, {found.centre.sigma_mm:.2g} mm "
+        f"in its middle; 95 % of the errors stay below {worst.radius_mm:.2g} mm. {budget_words(worst.shares)}"
     )
     unseen = 1 - float(found.visible.mean())
     if unseen > 0:
@@ -212,22 +247,31 @@ def with_workspace(
     check_request(workspace, tolerance, target_sigma)
     volume = parse_volume(workspace)
     sigma = TARGET_SIGMA if target_sigma is None else parse_fraction(target_sigma, what="--target-sigma")
-    found = workspace_uncertainty(result, volume, target_sigma=sigma)
+    found = workspace_of_cameras(result, volume, target_sigma=sigma)
     bound = None if tolerance is None else parse_length(tolerance, what="--tolerance")
-    checks = (*(c for c in result.checks if c.name != "workspace"), workspace_check(found, tolerance=bound))
+    answers = [workspace_check(one, tolerance=bound) for one in found.values()]
+    if len(found) > 1:
+        answers = [
+            replace(c, name=f"workspace-{name}", message=f"{name}: {c.message}") for name, c in zip(found, answers)
+        ]
+    checks = (*(c for c in result.checks if not is_workspace_check(c)), *answers)
     asked = {"workspace": workspace, "tolerance": tolerance, "target_sigma": f"{100 * sigma:g}%"}
     options = {**result.options, **{key: value for key, value in asked.items() if value is not None}}
     return replace(result, checks=checks, verdict=verdict_of(checks), options=options)
 
 
-def asked_workspace(result: CalibrationResult) -> WorkspaceUncertainty | None:
-    """The uncertainty in the workspace that the result's options name; None where they name none."""
+def is_workspace_check(check: Check) -> bool:
+    """Whether a check is one of `with_workspace`."""
+    return check.name == "workspace" or check.name.startswith("workspace-")
+
+
+def asked_workspace(result: CalibrationResult) -> dict[str, WorkspaceUncertainty]:
+    """The uncertainty of each camera in the workspace that the result's options name; empty where they name none."""
     workspace, sigma = result.options.get("workspace"), result.options.get("target_sigma")
     if not isinstance(workspace, str) or not isinstance(sigma, str):
-        return None
-    return workspace_uncertainty(
-        result, parse_volume(workspace), target_sigma=parse_fraction(sigma, what="target_sigma")
-    )
+        return {}
+    volume, size = parse_volume(workspace), parse_fraction(sigma, what="target_sigma")
+    return workspace_of_cameras(result, volume, target_sigma=size)
 
 
 def _place(point: Array, covariances: Mapping[str, Array]) -> PlaceUncertainty:
@@ -237,9 +281,14 @@ def _place(point: Array, covariances: Mapping[str, Array]) -> PlaceUncertainty:
     return PlaceUncertainty(np.asarray(point), float(sigma_mm(total)), float(radius_mm(total)), shares)
 
 
-def _seen(result: CalibrationResult, budget: ErrorBudget, points: Array) -> tuple[dict[str, Array], NDArray[np.bool_]]:
-    """Covariance (m, 3, 3) of base points (m, 3) by source, and whether they are in an image."""
-    if budget.setup.camera_parent == "base":
+def _seen(
+    budget: ErrorBudget, looks: tuple[Array, Array] | None, points: Array
+) -> tuple[dict[str, Array], NDArray[np.bool_]]:
+    """Covariance (m, 3, 3) of base points (m, 3) by source, and whether they are in an image.
+
+    looks: for a camera on a gripper, as `_calibration_looks`.
+    """
+    if looks is None:
         p = se3.apply(se3.inverse(budget.X), points)
         seen = _in_image(budget, p)
         if not np.any(p[:, 2] > 0):
@@ -248,7 +297,7 @@ def _seen(result: CalibrationResult, budget: ErrorBudget, points: Array) -> tupl
         p = np.where(p[:, 2:] > 0, p, [0.0, 0.0, 1.0])
         usable = np.where(seen[:, None], p, _on_axis(p))
         return budget.propagate(point_jacobian(budget.X, budget.camera, usable, np.eye(4))), seen
-    robot, brought = _calibration_looks(result, budget)
+    robot, brought = looks
     T_base_camera = robot @ budget.X
     p = se3.apply(se3.inverse(T_base_camera)[:, None], points)
     seen = _in_image(budget, p)

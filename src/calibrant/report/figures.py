@@ -105,10 +105,16 @@ def yaw_pitch_roll_figures(estimate: TransformEstimate) -> list[Figure]:
 
 def method_rows(result: CalibrationResult) -> list[MethodRow]:
     """The methods in the result's order, each beside the joint refinement (or the result's own camera transform)."""
-    joint = result.methods.get(JOINT)
     cameras = [t.matrix for t in result.transforms if t.child in result.cameras or t.child == DEFAULT_CAMERA]
-    reference = joint.matrix if joint is not None else cameras[0] if cameras else None
-    return [_method_row(name, method, None if name == JOINT else reference) for name, method in result.methods.items()]
+    rows = []
+    for name, method in result.methods.items():
+        # Of several cameras each has its own methods: "left: park".
+        label = name.rpartition(": ")[0]
+        own = f"{label}: {JOINT}" if label else JOINT
+        joint = result.methods.get(own)
+        reference = joint.matrix if joint is not None else cameras[0] if cameras else None
+        rows.append(_method_row(name, method, None if name == own else reference))
+    return rows
 
 
 def noise_facts(result: CalibrationResult) -> list[Fact]:

@@ -12,6 +12,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from calibrant.calibrate.hand_eye.several_file import PICTURES
 from calibrant.cameras import Camera
 from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Check, TransformEstimate
 from calibrant.data.result_file import write_text
@@ -40,11 +41,15 @@ from calibrant.report.words import (
     verdict_sentence,
     view_rows,
 )
-from calibrant.report.workspace import workspace_block
+from calibrant.report.workspace import workspace_blocks
 
 _PACKAGE = "calibrant.report"
 _MARKS = {"ok": "✓", "warn": "!", "fail": "✕", "refused": "✕"}
 """A shape beside each status, so that it does not hang on colour."""
+
+
+_OWN_FIGURES = (PICTURES, "parameters")
+"""Options that are read by programs, or shown elsewhere on the page: lists of dictionaries tell a person nothing."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +103,7 @@ def render_report(result: CalibrationResult, *, images: Mapping[str, Path]) -> s
         checks=sorted_checks(result),
         cameras=[_camera_block(name, camera) for name, camera in result.cameras.items()],
         transforms=[_transform_block(t) for t in result.transforms],
-        workspace=workspace_block(result),
+        workspaces=workspace_blocks(result),
         methods=method_rows(result),
         rows=view_rows(result),
         coverage=[_coverage_block(c, _remarks(result, c)) for c in camera_coverage(result)],
@@ -106,7 +111,7 @@ def render_report(result: CalibrationResult, *, images: Mapping[str, Path]) -> s
         has_residuals=any(view["uv"] for view in pages.views),
         has_scene=world is not None,
         picture_remark=pages.remark,
-        options={name: _option_text(value) for name, value in result.options.items()},
+        options={name: _option_text(value) for name, value in result.options.items() if name not in _OWN_FIGURES},
         data=_finite(data),
         style=_asset("report.css"),
         scripts=[_asset("report.js"), _asset("scene.js")],

@@ -8,11 +8,13 @@ All stand in the base frame: the pairs lie on each other when all is well (docum
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.calibrate.hand_eye.several_file import stated_layout
+from calibrant.calibrate.hand_eye.several_setting import IN_HAND, STANDING, Layout, Pictures
 from calibrant.data import CalibrationResult, TransformEstimate
 from calibrant.diagnose.residuals import seen_poses
 from calibrant.geometry import se3
@@ -25,6 +27,8 @@ class LoopView:
     """One robot pose: T_base_gripper, T_base_camera, the target by camera (when seen) and by robot, all in base.
 
     mm is the distance of the target's centre by the two ways, deg the angle between them; None where it was not seen.
+    camera: its name; view: the id of its picture; in_hand: whether the robot carries it. Of several robots all stand in
+    the first one's base.
     """
 
     id: str
@@ -34,6 +38,14 @@ class LoopView:
     T_base_target_by_camera: Array | None = None
     mm: float | None = None
     deg: float | None = None
+    camera: str = ""
+    view: str = ""
+    in_hand: bool = True
+
+    @property
+    def key(self) -> str:
+        """The view's key on the page."""
+        return f"{self.camera}/{self.view or self.id}"
 
 
 def loop_views(result: CalibrationResult) -> tuple[LoopView, ...]:
@@ -41,37 +53,63 @@ def loop_views(result: CalibrationResult) -> tuple[LoopView, ...]:
 
     The camera's pose of the target comes from its picture alone: a joint fit's would already lean on the robot.
     """
+    layout = stated_layout(result, used_only=False)
+    if layout is not None:
+        return tuple(view for p in layout.pictures for view in _of_pictures(result, layout, p))
     pair = hand_eye_pair(result)
     if pair is None or result.robot_poses is None:
         return ()
     T_x_camera, T_x_target = pair
     in_hand = T_x_camera.parent == "gripper"
-    seen = _seen_by_pose(result)
+    seen, names = _seen_by_pose(result), _view_of_pose(result)
+    camera = next(iter(result.cameras), "")
     centre = target_centre(result)
     views = []
     for name, T_base_gripper in zip(result.robot_poses.ids, result.robot_poses.T_base_gripper, strict=True):
-        T_base_camera = T_base_gripper @ T_x_camera.matrix if in_hand else T_x_camera.matrix
-        by_robot = T_x_target.matrix if in_hand else T_base_gripper @ T_x_target.matrix
-        T_camera_target = seen.get(name)
-        if T_camera_target is None:
-            views.append(LoopView(name, T_base_gripper, T_base_camera, by_robot))
-            continue
-        by_camera = T_base_camera @ T_camera_target
-        mm = 1e3 * float(np.linalg.norm(se3.apply(by_camera, centre) - se3.apply(by_robot, centre)))
-        deg = float(np.rad2deg(np.linalg.norm(se3.local(by_robot, by_camera)[:3])))
-        views.append(LoopView(name, T_base_gripper, T_base_camera, by_robot, by_camera, mm, deg))
+        step = _loop_view(name, T_base_gripper, T_x_camera.matrix, T_x_target.matrix, seen.get(name), centre, in_hand)
+        views.append(replace(step, camera=camera, view=names.get(name, name)))
     return tuple(views)
 
 
-def by_view(result: CalibrationResult, loop: Sequence[LoopView]) -> dict[str, LoopView]:
-    """The loop by view id: a view belongs to the robot pose of its moment, a pose without views to itself."""
-    poses = {step.id: step for step in loop}
-    views = {
-        view.id: poses[view.moment]
-        for view in (result.observations.views if result.observations else ())
-        if view.moment in poses
-    }
-    return poses | views
+def _of_pictures(result: CalibrationResult, layout: Layout, p: Pictures) -> list[LoopView]:
+    """The loop of one camera of several at one robot; none for a camera and a target that both stand still."""
+    if p.setup == STANDING or not p.observations.views:
+        return []
+    X = result.transform(layout.camera_parent(p), p.camera).matrix
+    Z = result.transform(layout.target_parent(p), layout.target(p)).matrix
+    base = layout.base(p.robot)
+    T_root_base = np.eye(4) if base == layout.root else result.transform(layout.root, base).matrix
+    poses = layout.robots[p.robot]
+    at = dict(zip(poses.ids, T_root_base @ poses.T_base_gripper, strict=True))
+    seen = seen_poses(result)
+    centre = np.concatenate([v.points for v in p.observations.views]).mean(axis=0)
+    robot = "" if len(layout.robots) == 1 else f"{p.robot} "
+    out = []
+    for v in p.observations.views:
+        if v.moment not in at:
+            continue
+        T = seen.get((v.camera, v.id))
+        step = _loop_view(f"{robot}{v.moment}", at[v.moment], X, Z, T, centre, p.setup == IN_HAND)
+        out.append(replace(step, camera=p.camera, view=v.id))
+    return out
+
+
+def _loop_view(
+    name: str, T_base_gripper: Array, X: Array, Z: Array, T_camera_target: Array | None, centre: Array, in_hand: bool
+) -> LoopView:
+    T_base_camera = T_base_gripper @ X if in_hand else X
+    by_robot = Z if in_hand else T_base_gripper @ Z
+    if T_camera_target is None:
+        return LoopView(name, T_base_gripper, T_base_camera, by_robot, in_hand=in_hand)
+    by_camera = T_base_camera @ T_camera_target
+    mm = 1e3 * float(np.linalg.norm(se3.apply(by_camera, centre) - se3.apply(by_robot, centre)))
+    deg = float(np.rad2deg(np.linalg.norm(se3.local(by_robot, by_camera)[:3])))
+    return LoopView(name, T_base_gripper, T_base_camera, by_robot, by_camera, mm, deg, in_hand=in_hand)
+
+
+def by_view(loop: Sequence[LoopView]) -> dict[tuple[str, str], LoopView]:
+    """The loop by camera and view id; a pose without a view goes by its own name."""
+    return {(step.camera, step.view): step for step in loop}
 
 
 def hand_eye_pair(result: CalibrationResult) -> tuple[TransformEstimate, TransformEstimate] | None:
@@ -97,6 +135,11 @@ def target_outline(result: CalibrationResult) -> Array | None:
     points = np.concatenate([view.points for view in result.observations.views])
     (x0, y0, z0), (x1, y1, _) = points.min(axis=0), points.max(axis=0)
     return np.array([[x0, y0, z0], [x1, y0, z0], [x1, y1, z0], [x0, y1, z0]])
+
+
+def _view_of_pose(result: CalibrationResult) -> dict[str, str]:
+    """View id by pose id: a view belongs to the robot pose of its moment."""
+    return {view.moment: view.id for view in (result.observations.views if result.observations else ())}
 
 
 def _seen_by_pose(result: CalibrationResult) -> dict[str, Array]:

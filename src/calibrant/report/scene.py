@@ -6,15 +6,17 @@ twelve numbers of [R | t], row by row, metres.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.calibrate.hand_eye.several_file import stated_layout
+from calibrant.calibrate.hand_eye.several_setting import STANDING
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult
-from calibrant.report.loop import LoopView, hand_eye_pair, target_outline
+from calibrant.report.loop import LoopView, target_outline
 
 Array = NDArray[np.float64]
 
@@ -37,45 +39,96 @@ def scene(
 
 
 def _hand_eye_scene(result: CalibrationResult, loop: tuple[LoopView, ...]) -> dict[str, Any]:
-    pair = hand_eye_pair(result)
-    in_hand = pair is not None and pair[0].parent == "gripper"
     drawn = loop[:: -(-len(loop) // _MOST_POSES)]
-    corners = _frustum(result)
-    frames = [{"label": "base", "T": _flat(np.eye(4)), "layer": "base", "view": None}]
+    frames = [{"label": "base", "T": _flat(np.eye(4)), "layer": "base", "view": None}, *_other_bases(result)]
+    grippers = {v.id: v for v in drawn}
     frames += [
-        {"label": f"gripper {v.id}", "T": _flat(v.T_base_gripper), "layer": "gripper", "view": v.id} for v in drawn
+        {"label": f"gripper {v.id}", "T": _flat(v.T_base_gripper), "layer": "gripper", "view": v.key}
+        for v in grippers.values()
     ]
-    moving = [{"label": f"camera {v.id}", "T": _flat(v.T_base_camera), "view": v.id, "rays": corners} for v in drawn]
-    still = [{"label": "camera", "T": _flat(drawn[0].T_base_camera), "view": None, "rays": corners}]
-    by_robot = [{"T": _flat(v.T_base_target_by_robot), "view": v.id} for v in drawn]
-    by_camera = [
-        {"T": _flat(v.T_base_target_by_camera), "view": v.id} for v in drawn if v.T_base_target_by_camera is not None
+    robot, of = _boards_by_robot(drawn)
+    seen = [
+        {"T": _flat(v.T_base_target_by_camera), "view": v.key, "label": _label(result, v), "of": of[v.key]}
+        for v in drawn
+        if v.T_base_target_by_camera is not None
     ]
-    robot_label = "Target by the robot (base → target)" if in_hand else "Target carried by the robot"
+    stands, carried = any(v.in_hand for v in loop), any(not v.in_hand for v in loop)
+    words = ["that stands in the base"] * stands + ["as the robot carries it"] * carried
     return {
         "up": [0, 0, 1],
         "frames": frames,
-        "cameras": moving if in_hand else still,
+        "cameras": _cameras(result, drawn),
         "outline": _outline(result),
-        "boards": {"seen": by_camera, "robot": by_robot[:1] if in_hand else by_robot},
+        "boards": {"seen": seen, "robot": robot},
         "layers": {
             "base": "Robot base",
             "gripper": "Gripper poses",
-            "camera": "Camera poses" if in_hand else "Camera",
-            "seen": "Target as the camera sees it",
-            "robot": robot_label,
+            "camera": "Camera poses" if stands else "Camera",
+            "seen": "Target as the camera sees it" if len(result.cameras) < 2 else "Target as each camera sees it",
+            "robot": f"Target by the robot: {', '.join(words)}",
         },
     }
 
 
+def _label(result: CalibrationResult, v: LoopView) -> str:
+    """A view for people: with its camera, where there are several."""
+    return v.view if len(result.cameras) < 2 else f"{v.camera}, {v.view}"
+
+
+def _other_bases(result: CalibrationResult) -> list[dict[str, Any]]:
+    layout = stated_layout(result)
+    bases = [] if layout is None else [layout.base(r) for r in layout.robots if layout.base(r) != layout.root]
+    root = "" if layout is None else layout.root
+    return [{"label": b, "T": _flat(result.transform(root, b).matrix), "layer": "base", "view": None} for b in bases]
+
+
+def _cameras(result: CalibrationResult, drawn: Sequence[LoopView]) -> list[dict[str, Any]]:
+    """A frustum a pose for cameras that are carried, one for each that stands still."""
+    out: list[dict[str, Any]] = []
+    still: dict[str, Array] = {}
+    for v in drawn:
+        if not v.in_hand:
+            still.setdefault(v.camera, v.T_base_camera)
+            continue
+        rays = _frustum(result.cameras.get(v.camera))
+        out.append({"label": f"camera {_label(result, v)}", "T": _flat(v.T_base_camera), "view": v.key, "rays": rays})
+    layout = stated_layout(result)
+    for p in layout.pictures if layout is not None else ():
+        if p.setup == STANDING and layout is not None:
+            still.setdefault(p.camera, result.transform(layout.root, p.camera).matrix)
+    out += [
+        {"label": name or "camera", "T": _flat(T), "view": None, "rays": _frustum(result.cameras.get(name))}
+        for name, T in still.items()
+    ]
+    return out
+
+
+def _boards_by_robot(drawn: Sequence[LoopView]) -> tuple[list[dict[str, Any]], dict[str, int]]:
+    """The targets by the robot: one for each that stands still, one a pose for those carried; and which of them belongs
+    to each view, by its key."""
+    boards: list[dict[str, Any]] = []
+    at: dict[tuple[object, ...], int] = {}
+    of = {}
+    for v in drawn:
+        T = _flat(v.T_base_target_by_robot)
+        place = tuple(T)
+        if place not in at:
+            at[place] = len(boards)
+            boards.append({"T": T, "view": None if v.in_hand else v.key, "label": "" if v.in_hand else v.id})
+        of[v.key] = at[place]
+    return boards, of
+
+
 def _camera_scene(result: CalibrationResult, poses: Mapping[tuple[str, str], Array]) -> dict[str, Any]:
     names = list(poses)[:: -(-len(poses) // _MOST_POSES)]
+    rays = _frustum(next(iter(result.cameras.values()), None))
+    boards = [{"T": _flat(poses[k]), "view": f"{k[0]}/{k[1]}", "label": k[1], "of": None} for k in names]
     return {
         "up": [0, -1, 0],
         "frames": [],
-        "cameras": [{"label": "camera", "T": _flat(np.eye(4)), "view": None, "rays": _frustum(result)}],
+        "cameras": [{"label": "camera", "T": _flat(np.eye(4)), "view": None, "rays": rays}],
         "outline": _outline(result),
-        "boards": {"seen": [{"T": _flat(poses[key]), "view": key[1]} for key in names], "robot": []},
+        "boards": {"seen": boards, "robot": []},
         "layers": {"camera": "Camera", "seen": "Target, one outline a view"},
     }
 
@@ -88,9 +141,8 @@ def _outline(result: CalibrationResult) -> list[list[float]]:
     return np.round(corners, _DECIMALS).tolist()
 
 
-def _frustum(result: CalibrationResult) -> list[list[float]]:
+def _frustum(camera: Camera | None) -> list[list[float]]:
     """Directions (4, 3) with z = 1 through the image's corners; 4:3 and 53 degrees wide without a camera."""
-    camera: Camera | None = next(iter(result.cameras.values()), None)
     if camera is None:
         return [[-0.5, -0.375, 1.0], [0.5, -0.375, 1.0], [0.5, 0.375, 1.0], [-0.5, 0.375, 1.0]]
     width, height = camera.image_size

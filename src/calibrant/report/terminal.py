@@ -60,7 +60,7 @@ def summary(result: CalibrationResult) -> RenderableType:
         parts.append(_methods_table(result))
     rows = view_rows(result)
     if rows:
-        parts.append(_views(rows, by_view(result, loop_views(result))))
+        parts.append(_views(rows, by_view(loop_views(result))))
     if result.checks:
         parts.append(_checks_table(result))
     return Group(*parts, _verdict(result))
@@ -138,7 +138,7 @@ def _methods_table(result: CalibrationResult) -> RenderableType:
     return _headed("Methods: spread of the loop that should be constant, RMS", table)
 
 
-def _views(rows: list[ViewRow], loop: Mapping[str, LoopView]) -> RenderableType:
+def _views(rows: list[ViewRow], loop: Mapping[tuple[str, str], LoopView]) -> RenderableType:
     used = [row for row in rows if row.used]
     shown = _worth_a_look(rows, loop)
     with_camera, with_rms = len({row.camera for row in rows}) > 1, any(row.rms_px is not None for row in rows)
@@ -157,7 +157,7 @@ def _views(rows: list[ViewRow], loop: Mapping[str, LoopView]) -> RenderableType:
             points = str(row.points) if not row.points_left_out else f"{row.points} (−{row.points_left_out})"
             cells += [points, _optional(row.rms_px)]
         if loop:
-            step = loop.get(row.id)
+            step = loop.get((row.camera, row.id))
             cells += [_optional(step.mm if step else None), _optional(step.deg if step else None)]
         words = row.status if not row.reason else f"{row.status}: {row.reason}"
         table.add_row(*cells, Text(words, style=_VIEW_STYLES[row.status]))
@@ -166,13 +166,13 @@ def _views(rows: list[ViewRow], loop: Mapping[str, LoopView]) -> RenderableType:
     return _headed(f"Views: {len(used)} of {len(rows)} used", table, *more)
 
 
-def _worth_a_look(rows: list[ViewRow], loop: Mapping[str, LoopView]) -> list[ViewRow]:
+def _worth_a_look(rows: list[ViewRow], loop: Mapping[tuple[str, str], LoopView]) -> list[ViewRow]:
     """All rows, or of many those with a reason and the worst, by pixels where they are known, else by the loop."""
     if len(rows) <= _ALL_VIEWS_UP_TO:
         return rows
 
     def badness(row: ViewRow) -> float:
-        step = loop.get(row.id)
+        step = loop.get((row.camera, row.id))
         return row.rms_px if row.rms_px is not None else step.mm if step is not None and step.mm is not None else 0.0
 
     worst = sorted((row for row in rows if row.used), key=badness, reverse=True)[:_WORST_SHOWN]

@@ -8,12 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibrant.data import CalibrationResult, View
 from calibrant.diagnose.residuals import ViewResiduals
 from calibrant.report.loop import LoopView, by_view
 from calibrant.report.pictures import data_uris
 from calibrant.report.words import ViewRow, view_rows
+
+Indices = NDArray[np.int64]
 
 _PICTURE_BUDGET = 3_000_000
 """Bytes of all pictures; with points and poses the file stays under 5 MB."""
@@ -26,7 +29,7 @@ class PageViews:
     """Views for the page in order, their pictures (data URIs) by view key, and what is missing, in a sentence.
 
     Each view has id, key, camera, used, status, reason, points, rms, mm, deg (None where unknown), size (width,
-    height), uv and r (flat lists, pixels; empty where there is no pose).
+    height), uv and r (flat lists, pixels; empty where there is no pose) of its points, out: uv of those left out.
     """
 
     views: list[dict[str, Any]]
@@ -47,12 +50,12 @@ def page_views(
     """
     observed = {(v.camera, v.id): v for v in (result.observations.views if result.observations else ())}
     vectors = {(r.camera, r.id): r for r in _thinned(residuals)}
-    steps = by_view(result, loop)
+    steps = by_view(loop)
     pages: list[dict[str, Any]] = []
     files: list[tuple[float, str, Path]] = []
-    for row in view_rows(result) or [ViewRow(v.id, "", v.mm is not None, 0, 0, None, "") for v in loop]:
+    for row in view_rows(result) or [ViewRow(v.view, v.camera, v.mm is not None, 0, 0, None, "") for v in loop]:
         view, vector = observed.get((row.camera, row.id)), vectors.get((row.camera, row.id))
-        page = _page_view(row, view, vector, steps.get(row.id))
+        page = _page_view(row, view, vector, steps.get((row.camera, row.id)))
         page["size"] = list(result.observations.image_sizes[view.camera]) if result.observations and view else None
         pages.append(page)
         path = images.get(row.id) or (Path(view.file) if view and view.file else None)
@@ -72,6 +75,7 @@ def _thinned(residuals: Sequence[ViewResiduals]) -> Sequence[ViewResiduals]:
 
 def _page_view(row: ViewRow, view: View | None, vector: ViewResiduals | None, step: LoopView | None) -> dict[str, Any]:
     rms = row.rms_px
+    kept, out = _parted(vector, row.points_left_out)
     if rms is None and vector is not None and len(vector.uv):
         rms = vector.rms_px
     return {
@@ -85,6 +89,17 @@ def _page_view(row: ViewRow, view: View | None, vector: ViewResiduals | None, st
         "rms": rms,
         "mm": step.mm if step is not None else None,
         "deg": step.deg if step is not None else None,
-        "uv": np.round(vector.uv, 1).ravel().tolist() if vector is not None else [],
-        "r": np.round(vector.residuals, 3).ravel().tolist() if vector is not None else [],
+        "uv": np.round(vector.uv[kept], 1).ravel().tolist() if vector is not None else [],
+        "r": np.round(vector.residuals[kept], 3).ravel().tolist() if vector is not None else [],
+        "out": np.round(vector.uv[out], 1).ravel().tolist() if vector is not None else [],
     }
+
+
+def _parted(vector: ViewResiduals | None, left_out: int) -> tuple[Indices, Indices]:
+    """Which points of a view were used, and which the calibration left out: those with the largest residuals, as many
+    as it says."""
+    if vector is None:
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    order = np.argsort(np.linalg.norm(vector.residuals, axis=-1), kind="stable")
+    cut = max(len(order) - left_out, 0)
+    return np.sort(order[:cut]), np.sort(order[cut:])

@@ -47,13 +47,17 @@ class Share:
     sigma: str
 
 
-def workspace_block(result: CalibrationResult) -> dict[str, object] | None:
-    """What the page shows of the workspace that the result was asked about; None where it was not."""
+def workspace_blocks(result: CalibrationResult) -> list[dict[str, object]]:
+    """What the page shows of the workspace that the result was asked about: a block a camera, or none."""
     found = asked_workspace(result)
-    if found is None:
-        return None
+    return [_block(result, name if len(found) > 1 else "", one) for name, one in found.items()]
+
+
+def _block(result: CalibrationResult, camera_name: str, found: WorkspaceUncertainty) -> dict[str, object]:
     low, high = float(found.sigma_mm.min()), float(found.sigma_mm.max())
     return {
+        "name": camera_name,
+        "base": found.base,
         "rows": [_row("worst place", found.worst), _row("middle of the volume", found.centre)],
         "mean": plain(found.mean_mm, digits=2),
         "camera": f"{plain(found.camera_mm, digits=2)} mm and {plain(found.camera_deg, digits=2)} deg "

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from calibrant.calibrate.hand_eye.several_setting import Layout, Pictures, id_prefix
-from calibrant.data import CalibrationResult, Observations, RobotPoses, ViewResult
+from calibrant.data import CalibrationResult, Observations, RobotPoses
 
 PICTURES = "pictures"
 """The option that lists camera, robot, setup and target of each list of pictures."""
 
 
-def stated_layout(result: CalibrationResult) -> Layout | None:
+def stated_layout(result: CalibrationResult, *, used_only: bool = True) -> Layout | None:
     """The cell's frames and pictures with the views that the calibration used, robot poses as the result holds them.
 
+    used_only: False for all views in which a target was found.
     None for a result of one camera and one robot, or one whose file does not hold its pictures.
     """
     stated = result.options.get(PICTURES)
@@ -27,7 +27,10 @@ def stated_layout(result: CalibrationResult) -> Layout | None:
     robots = {name: _poses_of(result.robot_poses, name, alone=len(names) == 1) for name in names}
     pictures = []
     for i, p in enumerate(stated):
-        seen = _seen_by(result.views, result.observations, lists, i, alone=len(names) == 1)
+        seen = _seen_by(result.observations, lists, i, alone=len(names) == 1)
+        if used_only:
+            used = {v.id for v in result.views if v.used and v.camera == lists[i][0]}
+            seen = replace(seen, views=tuple(v for v in seen.views if v.id in used))
         pictures.append(Pictures(lists[i][0], str(p["setup"]), seen, lists[i][1], str(p["target"])))
     return Layout(robots, tuple(pictures))
 
@@ -40,18 +43,15 @@ def _poses_of(poses: RobotPoses, robot: str, *, alone: bool) -> RobotPoses:
     return replace(poses, ids=ids, T_base_gripper=poses.T_base_gripper[np.array(mine, dtype=np.int64)])
 
 
-def _seen_by(
-    fitted: Sequence[ViewResult], observations: Observations, lists: list[tuple[str, str]], i: int, *, alone: bool
-) -> Observations:
-    """The used views of list i; their moments are ids of the robot's poses."""
+def _seen_by(observations: Observations, lists: list[tuple[str, str]], i: int, *, alone: bool) -> Observations:
+    """The views of list i; their moments are ids of the robot's poses."""
     camera, robot = lists[i]
     prefix = id_prefix(lists, i)
     others = [id_prefix(lists, k) for k in range(len(lists)) if k != i and lists[k][0] == camera]
     longer = tuple(o for o in others if len(o) > len(prefix) and o.startswith(prefix))
-    used = {v.id for v in fitted if v.used and v.camera == camera}
     views = []
     for v in observations.views:
-        if v.camera != camera or v.id not in used or not v.id.startswith(prefix) or v.id.startswith(longer):
+        if v.camera != camera or not v.id.startswith(prefix) or v.id.startswith(longer):
             continue
         views.append(v if alone else replace(v, moment=v.moment.removeprefix(f"{robot}/")))
     return replace(observations, views=tuple(views), image_sizes={camera: observations.image_sizes[camera]}, missed=())

@@ -24,8 +24,11 @@ const report = (() => {
     tip.style.left = `${Math.max(4, left)}px`;
     tip.style.top = `${event.pageY + 16}px`;
   }
+  /* A view's name, with its camera's where there are several. */
+  const several = new Set(data.views.map((view) => view.camera)).size > 1;
+  const nameOf = (view) => (several ? `${view.camera} ${view.id}` : view.id);
   function describe(view) {
-    const lines = [`${view.id}: ${view.status}`];
+    const lines = [`${nameOf(view)}: ${view.status}`];
     if (view.points) lines.push(`${view.points} points`);
     if (view.rms !== null) lines.push(`RMS ${round(view.rms)} px, both axes`);
     if (view.mm !== null) lines.push(`loop ${round(view.mm)} mm, ${round(view.deg)} deg`);
@@ -51,7 +54,7 @@ const report = (() => {
   window.addEventListener("beforeprint", repaint);
   window.addEventListener("afterprint", repaint);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
-  return { data, state, colour, choose, showTip, describe, fit, round, later, repaint,
+  return { data, state, nameOf, colour, choose, showTip, describe, fit, round, later, repaint,
     onChoose: (listener) => listeners.push(listener), onPaint: (paint) => { painters.push(paint); } };
 })();
 
@@ -98,7 +101,7 @@ const report = (() => {
     }
     add(svg, "text", { x: 2, y: box.top + 4, ...font }, unit);
     const pitch = span / count, bar = Math.min(Math.max(pitch * 0.72, 2), 46);
-    const every = Math.ceil((Math.max(...data.views.map((v) => v.id.length)) * 7 + 10) / pitch);
+    const every = Math.ceil((Math.max(...data.views.map((v) => report.nameOf(v).length)) * 7 + 10) / pitch);
     data.views.forEach((view, i) => {
       const x = box.left + (i + 0.5) * pitch, value = view[key];
       const fill = !view.used ? "url(#hatch)" : report.colour(view.reason ? "orange" : "blue");
@@ -107,7 +110,7 @@ const report = (() => {
         add(svg, "rect", { x: x - bar / 2, width: bar, y: y(value), height: Math.max(y(0) - y(value), 1), fill, stroke: edge, "stroke-width": i === state.view ? 2 : 1 });
       }
       else add(svg, "text", { x, y: y(0) - 4, "text-anchor": "middle", ...font }, "×");
-      if (i % every === 0) add(svg, "text", { x, y: box.height - 8, "text-anchor": "middle", ...font, fill: i === state.view ? report.colour("ink") : soft }, view.id);
+      if (i % every === 0) add(svg, "text", { x, y: box.height - 8, "text-anchor": "middle", ...font, fill: i === state.view ? report.colour("ink") : soft }, report.nameOf(view));
     });
     if (key === "rms" && data.rms !== null) {
       add(svg, "line", { x1: box.left, x2: width - box.right, y1: y(data.rms), y2: y(data.rms), stroke: report.colour("ink"), "stroke-dasharray": "5 4" });
@@ -230,7 +233,7 @@ const report = (() => {
   const select = one.querySelector('select[aria-label="View"]'), oneFactor = one.querySelector(".factor");
   drawable.forEach((i) => {
     const view = data.views[i];
-    select.append(new Option(`${view.id} (${round(view.rms)} px${view.status === "used" ? "" : `, ${view.status}`})`, i));
+    select.append(new Option(`${report.nameOf(view)} (${round(view.rms)} px${view.status === "used" ? "" : `, ${view.status}`})`, i));
   });
   let current = drawable[0];
   function paintOne() {
@@ -246,11 +249,22 @@ const report = (() => {
       context.arc((view.uv[i] + 0.5) * scale, (view.uv[i + 1] + 0.5) * scale, 1.8, 0, 2 * Math.PI);
       context.fill();
     }
+    /* Points that were left out: a cross where each was seen, no arrow (it would cover the others). */
+    context.strokeStyle = image ? "#ff5a6e" : report.colour("fail");
+    context.lineWidth = 2;
+    context.beginPath();
+    for (let i = 0; i < view.out.length; i += 2) {
+      const x = (view.out[i] + 0.5) * scale, y = (view.out[i + 1] + 0.5) * scale;
+      context.moveTo(x - 5, y - 5); context.lineTo(x + 5, y + 5);
+      context.moveTo(x - 5, y + 5); context.lineTo(x + 5, y - 5);
+    }
+    context.stroke();
     const style = image ? { colour: "#ff9d3c", halo: "rgba(0,0,0,.65)" } : { colour: report.colour("orange") };
     const factor = Number(oneFactor.value);
     arrows(context, view.uv, view.r, scale, factor, { ...style, width: 1.5, heads: true });
-    const text = report.describe(view).join(" · ");
-    one.querySelector(".status").textContent = `${text}. Arrows are drawn ${factor} times their length.`;
+    const text = report.describe(view).join(" · "), lost = view.out.length / 2;
+    const crosses = lost ? ` ${lost} point${lost > 1 ? "s were" : " was"} left out: the crosses.` : "";
+    one.querySelector(".status").textContent = `${text}. Arrows are drawn ${factor} times their length.${crosses}`;
     select.value = current;
   }
   function show(index) {
@@ -280,14 +294,21 @@ const report = (() => {
   one.querySelector("canvas").addEventListener("pointerleave", (event) => report.showTip("", event));
 
   const mode = all.querySelector(".mode"), allFactor = all.querySelector(".factor");
+  const several = new Set(data.views.map((view) => view.camera)).size > 1;
   const used = drawable.map((i) => data.views[i]).filter((view) => view.used);
-  const size = (used[0] || data.views[current]).size;
-  const together = used.filter((view) => view.camera === used[0].camera);
+  /* Of several cameras, the one of the chosen view. */
+  let size = data.views[current].size, together = [];
+  function gather() {
+    const chosen = data.views[current], camera = used.some((view) => view.camera === chosen.camera) ? chosen.camera : used[0].camera;
+    together = used.filter((view) => view.camera === camera);
+    size = together[0].size;
+  }
   function allVectors() {
     if (mode.value === "cells") return cellMeans(together, size);
     return [together.flatMap((view) => view.uv), together.flatMap((view) => view.r)];
   }
   function paintAll() {
+    gather();
     const { context, width, height } = report.fit(all.querySelector("canvas"), size[1] / size[0]), scale = width / size[0];
     context.fillStyle = report.colour("panel");
     context.fillRect(0, 0, width, height);
@@ -295,15 +316,15 @@ const report = (() => {
     context.globalAlpha = means || uv.length < 4000 ? 1 : 0.55;
     arrows(context, uv, r, scale, factor, { colour: report.colour("blue"), width: means ? 1.8 : 0.9, heads: true });
     context.globalAlpha = 1;
-    const what = means ? `mean residuals of the cells with at least 5 points` : `${uv.length / 2} points of ${together.length} views`;
+    const what = means ? `mean residuals of the cells with at least 5 points` : `${uv.length / 2} points of ${together.length} views${several ? ` of ${together[0].camera}` : ""}`;
     all.querySelector(".status").textContent = `${what}; arrows are drawn ${factor} times their length.`;
   }
-  function suggestAll() { fill(allFactor, suggested(lengthsOf(allVectors()[1]), size[0])); }
+  function suggestAll() { gather(); fill(allFactor, suggested(lengthsOf(allVectors()[1]), size[0])); }
   mode.addEventListener("change", () => { suggestAll(); paintAll(); });
   allFactor.addEventListener("change", paintAll);
   if (used.length) { suggestAll(); report.onPaint(paintAll); paintAll(); }
   else all.hidden = true;
   report.onPaint(paintOne);
-  report.onChoose((view, index) => show(index));
+  report.onChoose((view, index) => { show(index); if (several && used.length) paintAll(); });
   paintOne();
 })();

@@ -19,11 +19,10 @@
 
   /* The target by camera, moved away from the target by robot by the chosen multiple of their difference. */
   let magnified = 1;
-  const robotOf = new Map(world.boards.robot.map((board) => [board.view, board]));
   function corners(board, layer) {
     const points = world.outline.map((p) => apply(board.T, p));
-    const partner = robotOf.get(board.view) || (world.boards.robot.length === 1 ? world.boards.robot[0] : null);
-    if (layer !== "seen" || !partner || magnified === 1) return points;
+    const partner = layer === "seen" && board.of !== null ? world.boards.robot[board.of] : null;
+    if (!partner || magnified === 1) return points;
     return points.map((p, i) => { const q = apply(partner.T, world.outline[i]); return add(q, add(p, q, -1), magnified); });
   }
   const everyPoint = [...world.frames.map((f) => origin(f.T)), ...world.cameras.map((c) => origin(c.T)),
@@ -88,7 +87,7 @@
     const line = (a, b, stroke, width, dash) => push([a, b], { stroke, width, dash });
     const label = (p, text, colour) => push([p], { text, stroke: colour });
     const mark = (p, text, view) => { const at = project(p); if (at) hits.push({ x: at[0], y: at[1], text, view }); };
-    const strong = (view) => view !== null && (view === hovered || (report.state.view !== null && report.data.views[report.state.view].id === view));
+    const strong = (view) => view !== null && (view === hovered || (report.state.view !== null && report.data.views[report.state.view].key === view));
 
     if (handEye) ground(line);
     world.frames.forEach((frame) => {
@@ -113,7 +112,7 @@
         push([corner, add(corner, add(points[1], corner, -1), step), add(corner, add(points[3], corner, -1), step)], { closed: true, stroke, fill: stroke, alpha: 0.75, width: 1 });
         const middle = points.reduce((sum, p) => add(sum, p, 0.25), [0, 0, 0]);
         const what = layer === "seen" ? "target as the camera sees it" : "target by the robot";
-        mark(middle, board.view === null ? what : `${board.view}: ${what}`, board.view);
+        mark(middle, board.label ? `${board.label}: ${what}` : what, board.view);
       });
     });
     /* Dashes over the solid outline of the same board, also when they coincide. */
@@ -232,7 +231,7 @@
   });
   function release(event) {
     if (pointers.delete(event.pointerId) && moved < 4 && event.type === "pointerup") {
-      const hit = nearest(event), index = hit ? report.data.views.findIndex((v) => v.id === hit.view) : -1;
+      const hit = nearest(event), index = hit ? report.data.views.findIndex((v) => v.key === hit.view) : -1;
       if (index >= 0) report.choose(index);
     }
     gap = 0;

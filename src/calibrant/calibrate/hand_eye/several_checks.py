@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.checks import LOOP_WARN, convergence_check, scale_check
+from calibrant.calibrate.hand_eye.checks import LOOP_WARN, SCALE_SIGMAS, SCALE_WARN, convergence_check
 from calibrant.calibrate.hand_eye.several_problem import Several, geometry_variable, pixel_group
 from calibrant.calibrate.hand_eye.several_setting import STANDING
 from calibrant.data import Check, Measured, TransformEstimate, ViewResult
@@ -111,10 +111,20 @@ def _held_out_check(loop: LoopDeviations, held: LoopDeviations) -> Check:
 def _scale_checks(several: Several, scales: Mapping[str, Measured]) -> list[Check]:
     """Does every target's size fit the robots' motion?"""
     targets = list(dict.fromkeys(p.target for p in several.layout.pictures))
-    out = [scale_check(scales.get(t)) for t in targets]
+    out = [_scale_check(scales.get(t)) for t in targets]
     if len(targets) == 1:
         return out
     return [replace(c, name=f"{c.name}-{t}", message=f"{t}: {c.message}") for c, t in zip(out, targets)]
+
+
+def _scale_check(scale: Measured | None) -> Check:
+    if scale is None:
+        return Check("target-size", "warn", "the motions cannot tell whether the target's size is right")
+    text = f"the robots' motion says the target is {scale.value:.4f} ± {scale.sigma:.4f} times the size given"
+    off = abs(scale.value - 1)
+    if off > SCALE_WARN and off > SCALE_SIGMAS * scale.sigma:
+        return Check("target-size", "warn", f"{text}: measure it, all distances scale with it", scale.value)
+    return Check("target-size", "ok", text, scale.value)
 
 
 def _certainty_check(t: TransformEstimate) -> Check:

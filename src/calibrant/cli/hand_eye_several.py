@@ -1,7 +1,8 @@
 """What `calibrant hand-eye` does with several cameras or robots, or free joints: each list of photos is read, paired
 and examined by itself, as that of a single camera is; then all go into one problem.
 
-Names: --images left=DIR, or left@robot=DIR with several robots; --poses robot=FILE; --camera left=FILE;
+Names: --images left=DIR, or left@robot=DIR with several robots, left@robot:other=DIR where the other robot carries the
+target; --poses robot=FILE; --camera left=FILE;
 --setup left=eye-in-hand; --target left=SPEC.
 """
 
@@ -25,9 +26,9 @@ if TYPE_CHECKING:
     from calibrant.cameras import Camera
     from calibrant.data import CalibrationResult, Check, Observations, RobotPoses
     from calibrant.diagnose.doctor.diagnosis import Diagnosis
-    from calibrant.formats.poses import RawPoses
+    from calibrant.formats.poses import PoseReading, RawPoses
 
-_NAMED = re.compile(r"^(?P<name>[A-Za-z][\w-]*)(?:@(?P<robot>[A-Za-z][\w-]*))?=(?P<value>.+)$")
+_NAMED = re.compile(r"^(?P<name>[A-Za-z][\w-]*)(?:@(?P<robot>[A-Za-z][\w-]*(?::[A-Za-z][\w-]*)?))?=(?P<value>.+)$")
 _SAME_METRES = 1e-6
 """Two readings of a file give the same pose, or one that is off by the size of the motion."""
 
@@ -56,6 +57,13 @@ class _List:
     camera: Camera | None
     raw: RawPoses | None = None
     reading: str = ""
+    other_poses: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    def poses_of(self, robot: str) -> Mapping[str, np.ndarray]:
+        """The list's poses of a robot, by moment."""
+        if self.pictures.other == robot:
+            return self.other_poses
+        return self.poses if self.pictures.robot == robot else {}
 
 
 @dataclass(frozen=True)
@@ -143,7 +151,7 @@ def named_files(request: SeveralRequest) -> list[str]:
     """Every file that the command reads."""
     out = [str(f) for f in request.cameras.values()]
     for (camera, robot), images in request.images.items():
-        poses = request.poses.get(robot, ())
+        poses = [f for r in robot.split(":") for f in request.poses.get(r, ())]
         out += hand_eye_data.named_files(_alone(request, camera, tuple(images), tuple(poses)))
     return out
 
@@ -165,7 +173,11 @@ def calibrate(request: SeveralRequest) -> CalibrationResult:
         )
     if request.identify and common.arm.robot is None:
         raise InputError("--identify needs the joints: --robot FILE, and --poses with joint values")
-    lists = [_read(request, camera, robot, images) for (camera, robot), images in request.images.items()]
+    lists: list[_List] = []
+    # Where both robots move the doctor has no say: how their poses are read may follow from their other lists.
+    for (camera, robot), images in sorted(request.images.items(), key=lambda item: ":" in item[0][1]):
+        between = ":" in robot
+        lists.append((_read_between if between else _read)(request, camera, robot, images, lists))
     robots = {name or ONLY_ROBOT: _poses_of(lists, name or ONLY_ROBOT) for name in request.poses}
     joints = {name: _joints(request, lists, name, robots[name]) for name in robots} if request.identify else None
     with session.status("Calibrating …", quiet=request.common.quiet):
@@ -204,7 +216,55 @@ def _alone(request: SeveralRequest, camera: str, images: tuple[str, ...], poses:
     )
 
 
-def _read(request: SeveralRequest, camera: str, robot: str, images: tuple[str, ...]) -> _List:
+def _read_between(
+    request: SeveralRequest, camera: str, robots: str, images: tuple[str, ...], known: Sequence[_List]
+) -> _List:
+    """Photos by a camera on one robot of a target on another: paired with the poses of both."""
+    from calibrant.calibrate.hand_eye.several_setting import HAND_TO_HAND, Pictures
+    from calibrant.data import Check
+
+    robot, other = robots.split(":")
+    for name in (robot, other):
+        if name not in request.poses:
+            raise InputError(f"--images {camera}@{robots}=…: robot {name!r} has no poses; --poses names the others")
+    data = [hand_eye_data.read(_alone(request, camera, images, request.poses[name])) for name in (robot, other)]
+    own, others = data
+    observations = own.observations
+    if observations is None or others.observations is None:
+        raise InputError(f"--images {camera}@{robots}=…: no photos were read")
+    first, second = (_only_reading(name, d, known) for name, d in zip((robot, other), data))
+    names = [_moments(d) for d in data]
+    # One word for a moment of both robots: the poses' common name, else the photo's.
+    moments = {i: n if names[1].get(i) == n else f"{camera} {i}" for i, n in names[0].items()}
+    views = tuple(replace(v, moment=moments[v.id]) for v in observations.views if v.id in moments)
+    label = request.targets.get(camera, request.common.target) or "target"
+    pictures = Pictures(
+        camera, HAND_TO_HAND, replace(observations, views=views), robot, _target_name(request, label), other
+    )
+    poses, other_poses = (
+        {moments[i]: T for i, T in zip(r.ids, r.T_base_gripper) if i in moments} for r in (first.poses, second.poses)
+    )
+    words = f"{camera} on {robot}, target on {other}"
+    checks = tuple(Check(f"pairing-{camera}-{n}", "ok", f"{words}: {d.pairing}") for n, d in zip((robot, other), data))
+    files = (*own.files, *others.files)
+    return _List(pictures, poses, checks, files, own.camera, own.raw, first.description, other_poses)
+
+
+def _only_reading(robot: str, data: hand_eye_data.PairedData, known: Sequence[_List]) -> PoseReading:
+    """How a robot's poses are read: as its other photos say, or the only way there is. Raises: InputError."""
+    said = {part.reading for part in known if part.pictures.robot == robot and part.reading}
+    possible = [r for r in data.complete if not said or r.description in said]
+    if len(possible) != 1:
+        raise InputError(
+            f"the poses of {robot} can be read in {len(data.complete)} ways, and photos in which both robots move do "
+            "not tell which: say it with --pose-units, --pose-rotation, --pose-angle and --pose-direction"
+        )
+    return possible[0]
+
+
+def _read(
+    request: SeveralRequest, camera: str, robot: str, images: tuple[str, ...], known: Sequence[_List]
+) -> _List:
     """One list of photos: paired, examined, its moments called as the poses are."""
     from calibrant.calibrate.hand_eye.several_setting import ONLY_ROBOT, STANDING, Pictures
     from calibrant.data import Check
@@ -281,9 +341,10 @@ def _poses_of(lists: Sequence[_List], robot: str) -> RobotPoses:
     found: dict[str, np.ndarray] = {}
     first: _List | None = None
     for part in lists:
-        if part.pictures.robot != robot or not part.poses:
+        poses = part.poses_of(robot)
+        if not poses:
             continue
-        for moment, T in part.poses.items():
+        for moment, T in poses.items():
             if moment in found and first is not None and np.abs(found[moment] - T).max() > _SAME_METRES:
                 raise InputError(
                     f"the photos of {first.pictures.camera} and of {part.pictures.camera} ask for two readings of the "

@@ -26,7 +26,7 @@ from calibrant.calibrate.hand_eye.several_problem import (
     scale_variable,
     several_problem,
 )
-from calibrant.calibrate.hand_eye.several_setting import IN_HAND, Layout, Pictures, poses_variable, variable
+from calibrant.calibrate.hand_eye.several_setting import Layout, Pictures, poses_variable, variable
 from calibrant.calibrate.hand_eye.views import from_observations
 from calibrant.data import CalibrationResult
 from calibrant.diagnose.error_budget import (
@@ -208,7 +208,7 @@ def _of_camera(
     layout, p = several.layout, several.layout.pictures[i]
     at, on = (layout.camera_parent(p), p.camera), (layout.target_parent(p), layout.target(p))
     mine = np.concatenate([columns[variable(at)], columns[variable(on)], columns[lens_variable(p.camera)]])
-    setup = get_setup("eye-in-hand" if p.setup == IN_HAND else "eye-to-hand")
+    setup = get_setup("eye-in-hand" if p.camera_robot is not None else "eye-to-hand")
     budget = ErrorBudget(
         setup,
         result.transform(*at).matrix,
@@ -219,7 +219,7 @@ def _of_camera(
         size,
         notes,
     )
-    parent = layout.base(p.robot) if p.setup == IN_HAND else layout.root
+    parent = layout.root if p.camera_robot is None else layout.base(p.camera_robot)
     seen = np.concatenate([v.points for v in p.observations.views])
     T_base_target = several.data[i].T_base_gripper @ budget.X @ several.data[i].B
     return CameraBudget(budget, _looks(several, i, p), T_base_target[0], seen.mean(axis=0), parent)
@@ -227,4 +227,4 @@ def _of_camera(
 
 def _looks(several: Several, i: int, p: Pictures) -> Array:
     """Robot poses of the used views; the identity where no robot carries the camera."""
-    return several.data[i].T_base_gripper if p.setup == IN_HAND else np.eye(4)[None]
+    return np.eye(4)[None] if p.camera_robot is None else several.data[i].T_base_gripper

@@ -138,7 +138,9 @@ def noise_facts(result: CalibrationResult) -> list[Fact]:
         figures = ((held.mm, "mm"), (held.deg, "deg"), (held.px, "px"))
         parts = [f"{plain(value, digits=3)} {unit}" for value, unit in figures if value is not None]
         if parts:
-            facts.append(Fact("held-out error", ", ".join(parts), "RMS on views kept out of the fit"))
+            # Pixels by the robot's word for where it is: many times the RMS error, which has no robot in it.
+            by_robot = ", the robot's own error in it" if result.kind == "hand-eye" else ""
+            facts.append(Fact("held-out error", ", ".join(parts), f"RMS on views kept out of the fit{by_robot}"))
     return facts
 
 

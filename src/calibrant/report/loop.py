@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.calibrate.hand_eye.several_file import stated_layout
-from calibrant.calibrate.hand_eye.several_setting import IN_HAND, STANDING, Layout, Pictures
+from calibrant.calibrate.hand_eye.several_setting import Layout, Pictures
 from calibrant.data import CalibrationResult, TransformEstimate
 from calibrant.diagnose.residuals import seen_poses
 from calibrant.geometry import se3
@@ -27,7 +27,8 @@ class LoopView:
     """One robot pose: T_base_gripper, T_base_camera, the target by camera (when seen) and by robot, all in base.
 
     mm is the distance of the target's centre by the two ways, deg the angle between them; None where it was not seen.
-    camera: its name; view: the id of its picture; in_hand: whether the robot carries it. Of several robots all stand in
+    camera: its name; view: the id of its picture; in_hand: whether a robot carries it; target_carried: whether one
+    carries the target. Of several robots all stand in
     the first one's base.
     """
 
@@ -41,6 +42,7 @@ class LoopView:
     camera: str = ""
     view: str = ""
     in_hand: bool = True
+    target_carried: bool = False
 
     @property
     def key(self) -> str:
@@ -66,45 +68,55 @@ def loop_views(result: CalibrationResult) -> tuple[LoopView, ...]:
     centre = target_centre(result)
     views = []
     for name, T_base_gripper in zip(result.robot_poses.ids, result.robot_poses.T_base_gripper, strict=True):
-        step = _loop_view(name, T_base_gripper, T_x_camera.matrix, T_x_target.matrix, seen.get(name), centre, in_hand)
-        views.append(replace(step, camera=camera, view=names.get(name, name)))
+        T_base_camera = T_base_gripper @ T_x_camera.matrix if in_hand else T_x_camera.matrix
+        by_robot = T_x_target.matrix if in_hand else T_base_gripper @ T_x_target.matrix
+        step = _loop_view(name, T_base_gripper, T_base_camera, by_robot, seen.get(name), centre)
+        view = names.get(name, name)
+        views.append(replace(step, camera=camera, view=view, in_hand=in_hand, target_carried=not in_hand))
     return tuple(views)
 
 
 def _of_pictures(result: CalibrationResult, layout: Layout, p: Pictures) -> list[LoopView]:
     """The loop of one camera of several at one robot; none for a camera and a target that both stand still."""
-    if p.setup == STANDING or not p.observations.views:
+    if not p.movers or not p.observations.views:
         return []
     X = result.transform(layout.camera_parent(p), p.camera).matrix
     Z = result.transform(layout.target_parent(p), layout.target(p)).matrix
-    base = layout.base(p.robot)
-    T_root_base = np.eye(4) if base == layout.root else result.transform(layout.root, base).matrix
-    poses = layout.robots[p.robot]
-    at = dict(zip(poses.ids, T_root_base @ poses.T_base_gripper, strict=True))
+    camera, target = (_grippers(result, layout, robot) for robot in (p.camera_robot, p.target_robot))
+    hand = camera or target
     seen = seen_poses(result)
     centre = np.concatenate([v.points for v in p.observations.views]).mean(axis=0)
     robot = "" if len(layout.robots) == 1 else f"{p.robot} "
     out = []
     for v in p.observations.views:
-        if v.moment not in at:
+        if v.moment not in hand:
             continue
+        T_root_camera = camera[v.moment] @ X if camera else X
+        by_robot = target[v.moment] @ Z if target else Z
         T = seen.get((v.camera, v.id))
-        step = _loop_view(f"{robot}{v.moment}", at[v.moment], X, Z, T, centre, p.setup == IN_HAND)
-        out.append(replace(step, camera=p.camera, view=v.id))
+        step = _loop_view(f"{robot}{v.moment}", hand[v.moment], T_root_camera, by_robot, T, centre)
+        out.append(replace(step, camera=p.camera, view=v.id, in_hand=bool(camera), target_carried=bool(target)))
     return out
 
 
+def _grippers(result: CalibrationResult, layout: Layout, robot: str | None) -> dict[str, Array]:
+    """T_root_gripper of a robot by its poses' ids; empty for no robot."""
+    if robot is None:
+        return {}
+    base, poses = layout.base(robot), layout.robots[robot]
+    T_root_base = np.eye(4) if base == layout.root else result.transform(layout.root, base).matrix
+    return dict(zip(poses.ids, T_root_base @ poses.T_base_gripper, strict=True))
+
+
 def _loop_view(
-    name: str, T_base_gripper: Array, X: Array, Z: Array, T_camera_target: Array | None, centre: Array, in_hand: bool
+    name: str, T_base_gripper: Array, T_base_camera: Array, by_robot: Array, T_camera_target: Array | None, centre: Array
 ) -> LoopView:
-    T_base_camera = T_base_gripper @ X if in_hand else X
-    by_robot = Z if in_hand else T_base_gripper @ Z
     if T_camera_target is None:
-        return LoopView(name, T_base_gripper, T_base_camera, by_robot, in_hand=in_hand)
+        return LoopView(name, T_base_gripper, T_base_camera, by_robot)
     by_camera = T_base_camera @ T_camera_target
     mm = 1e3 * float(np.linalg.norm(se3.apply(by_camera, centre) - se3.apply(by_robot, centre)))
     deg = float(np.rad2deg(np.linalg.norm(se3.local(by_robot, by_camera)[:3])))
-    return LoopView(name, T_base_gripper, T_base_camera, by_robot, by_camera, mm, deg, in_hand=in_hand)
+    return LoopView(name, T_base_gripper, T_base_camera, by_robot, by_camera, mm, deg)
 
 
 def by_view(loop: Sequence[LoopView]) -> dict[tuple[str, str], LoopView]:

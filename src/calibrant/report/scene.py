@@ -52,8 +52,8 @@ def _hand_eye_scene(result: CalibrationResult, loop: tuple[LoopView, ...]) -> di
         for v in drawn
         if v.T_base_target_by_camera is not None
     ]
-    stands, carried = any(v.in_hand for v in loop), any(not v.in_hand for v in loop)
-    words = ["that stands in the base"] * stands + ["as the robot carries it"] * carried
+    stands, carried = any(not v.target_carried for v in loop), any(v.target_carried for v in loop)
+    words = ["it stands"] * stands + ["the robot carries it"] * carried
     return {
         "up": [0, 0, 1],
         "frames": frames,
@@ -63,9 +63,9 @@ def _hand_eye_scene(result: CalibrationResult, loop: tuple[LoopView, ...]) -> di
         "layers": {
             "base": "Robot base",
             "gripper": "Gripper poses",
-            "camera": "Camera poses" if stands else "Camera",
+            "camera": "Camera poses" if any(v.in_hand for v in loop) else "Camera",
             "seen": "Target as the camera sees it" if len(result.cameras) < 2 else "Target as each camera sees it",
-            "robot": f"Target by the robot: {', '.join(words)}",
+            "robot": f"Target by the robot ({' or '.join(words)})",
         },
     }
 
@@ -114,7 +114,7 @@ def _boards_by_robot(drawn: Sequence[LoopView]) -> tuple[list[dict[str, Any]], d
         place = tuple(T)
         if place not in at:
             at[place] = len(boards)
-            boards.append({"T": T, "view": None if v.in_hand else v.key, "label": "" if v.in_hand else v.id})
+            boards.append({"T": T, "view": v.key if v.target_carried else None, "label": v.id if v.target_carried else ""})
         of[v.key] = at[place]
     return boards, of
 

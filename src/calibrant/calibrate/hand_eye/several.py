@@ -40,7 +40,7 @@ from calibrant.calibrate.hand_eye.several_setting import (
     layout,
 )
 from calibrant.calibrate.hand_eye.several_start import several_start
-from calibrant.calibrate.hand_eye.views import HandEyeViews, from_observations
+from calibrant.calibrate.hand_eye.views import HandEyeViews, from_observations, match_views
 from calibrant.calibrate.intrinsics import calibrate_keeping
 from calibrant.calibrate.provenance import refuse_if_failed, stamp
 from calibrant.cameras import Camera
@@ -102,7 +102,14 @@ def calibrate_several(
     options = {
         "setup": {p.camera: p.setup for p in pictures},
         PICTURES: [
-            {"camera": p.camera, "robot": p.robot, "setup": p.setup, "target": p.target} for p in where.pictures
+            {
+                "camera": p.camera,
+                "robot": p.robot,
+                "setup": p.setup,
+                "target": p.target,
+                **({"other": p.other} if p.other else {}),
+            }
+            for p in where.pictures
         ],
         "cameras": {name: "given" if name in known else "calibrated from the same images" for name in where.cameras},
         **({"identify": list(identify)} if free else {}),
@@ -160,7 +167,10 @@ def _matched(where: Layout, seen: Mapping[str, _Seen]) -> tuple[HandEyeViews, ..
             # No robot stands between camera and target: any pose serves.
             ids = tuple(dict.fromkeys(v.moment for v in views))
             poses = RobotPoses.from_matrices(np.tile(np.eye(4), (len(ids), 1, 1)), ids=ids)
-        out.append(from_observations(poses, replace(p.observations, views=views), camera))
+        seen = replace(p.observations, views=views)
+        if p.other:
+            match_views(where.robots[p.other], seen)
+        out.append(from_observations(poses, seen, camera))
     return tuple(out)
 
 

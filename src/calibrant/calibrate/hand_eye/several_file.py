@@ -23,7 +23,7 @@ def stated_layout(result: CalibrationResult, *, used_only: bool = True) -> Layou
     if not isinstance(stated, (list, tuple)) or result.observations is None or result.robot_poses is None:
         return None
     lists = [(str(p["camera"]), str(p["robot"])) for p in stated]
-    names = list(dict.fromkeys(robot for _, robot in lists))
+    names = list(dict.fromkeys(r for p in stated for r in (str(p["robot"]), str(p.get("other", ""))) if r))
     robots = {name: _poses_of(result.robot_poses, name, alone=len(names) == 1) for name in names}
     pictures = []
     for i, p in enumerate(stated):
@@ -31,7 +31,7 @@ def stated_layout(result: CalibrationResult, *, used_only: bool = True) -> Layou
         if used_only:
             used = {v.id for v in result.views if v.used and v.camera == lists[i][0]}
             seen = replace(seen, views=tuple(v for v in seen.views if v.id in used))
-        pictures.append(Pictures(lists[i][0], str(p["setup"]), seen, lists[i][1], str(p["target"])))
+        pictures.append(Pictures(lists[i][0], str(p["setup"]), seen, lists[i][1], str(p["target"]), str(p.get("other", ""))))
     return Layout(robots, tuple(pictures))
 
 

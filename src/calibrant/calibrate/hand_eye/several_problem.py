@@ -20,7 +20,7 @@ from calibrant.calibrate.chain import link_maps, product
 from calibrant.calibrate.hand_eye.consistency import CHI2_6_LIMIT, CHI2_6_MEDIAN, ROUNDING
 from calibrant.calibrate.hand_eye.joint import FLOORS, PIXEL, ROBOT_ROTATION, ROBOT_TRANSLATION, SCALE, CameraRole
 from calibrant.calibrate.hand_eye.joint_offsets import FreeJoints
-from calibrant.calibrate.hand_eye.several_setting import STANDING, Frame, Layout, poses_variable, variable
+from calibrant.calibrate.hand_eye.several_setting import Frame, Layout, poses_variable, variable
 from calibrant.calibrate.hand_eye.views import HandEyeViews
 from calibrant.calibrate.reprojection import ReprojectionFactor, TargetModes, stack
 from calibrant.cameras import Camera
@@ -61,7 +61,7 @@ class Several:
         needed = {
             name
             for i, p in enumerate(self.layout.pictures)
-            if p.robot == robot and p.setup != STANDING
+            if robot in p.movers
             for name in self.used_ids(i)
         }
         return tuple(name for name in self.layout.robots[robot].ids if name in needed)
@@ -137,8 +137,8 @@ def several_problem(
         views = several.used_views(i)
         if not views:
             continue
-        index = {name: k for k, name in enumerate(several.moments(p.robot))}
-        rows = np.array([index.get(name, 0) for name in several.used_ids(i)], dtype=np.int64)
+        ids = several.used_ids(i)
+        rows = {robot: _places(several.moments(robot), ids) for robot in p.movers}
         role = lenses[p.camera] = several.roles[p.camera]
         stacked, scale = stack(views), scale_variable(p.target)
         if free_scale and all(v.name != scale for v in variables):
@@ -148,7 +148,7 @@ def several_problem(
                 pictures_factor(i),
                 model=role.camera.model,
                 camera=lens_variable(p.camera),
-                chain=layout.chain(p, rows),
+                chain=layout.chain(p, rows, len(ids)),
                 views=stacked,
                 # The mode's amplitude is scale - 1: points + (s - 1) points.
                 modes=TargetModes(scale, stacked.points[None]) if free_scale else None,
@@ -234,20 +234,32 @@ def pose_noise(several: Several, solution: Solution, robot: str) -> Array:
     return np.asarray(C + levels[joint_group(robot)] ** 2 * J @ np.swapaxes(J, -1, -2))
 
 
-def _pose_rows(several: Several, i: int, rows: Mask) -> NDArray[np.int64]:
-    """Which of their robot's poses the rows of list i were taken at."""
-    index = {name: k for k, name in enumerate(several.layout.robots[several.layout.pictures[i].robot].ids)}
-    return np.array([index.get(name, 0) for name, r in zip(several.data[i].ids, rows) if r], dtype=np.int64)
+def _places(names: Sequence[str], wanted: Sequence[str]) -> NDArray[np.int64]:
+    index = {name: k for k, name in enumerate(names)}
+    return np.array([index[name] for name in wanted], dtype=np.int64)
 
 
-def prediction(several: Several, solution: Solution, i: int, rows: Mask) -> tuple[Array, list[Array]]:
-    """T_camera_target (m, 4, 4) of the rows of list i by what the robot said, and the maps from its poses' errors."""
+def pose_rows(several: Several, i: int, rows: Mask) -> dict[str, NDArray[np.int64]]:
+    """Which poses of each robot between camera and target the rows of list i were taken at."""
+    ids = [name for name, r in zip(several.data[i].ids, rows) if r]
+    layout = several.layout
+    return {robot: _places(layout.robots[robot].ids, ids) for robot in layout.pictures[i].movers}
+
+
+def prediction(several: Several, solution: Solution, i: int, rows: Mask) -> tuple[Array, dict[str, Array]]:
+    """T_camera_target (m, 4, 4) of the rows of list i by what the robots said, and by robot the map from its poses'
+    errors."""
     layout, p = several.layout, several.layout.pictures[i]
-    at = _pose_rows(several, i, rows)
-    chain = layout.chain(p, at)
-    arm, said = poses_variable(p.robot), said_poses(several, solution, p.robot)
-    values = [said[at] if k.variable == arm else solution.value(k.variable)[k.indices] for k in chain]
-    maps = [m for k, m in zip(chain, link_maps(chain, values)) if k.variable == arm]
+    at = pose_rows(several, i, rows)
+    chain = layout.chain(p, at, int(rows.sum()))
+    arms = {poses_variable(robot): robot for robot in p.movers}
+    values = [
+        said_poses(several, solution, arms[k.variable])[k.indices]
+        if k.variable in arms
+        else solution.value(k.variable)[k.indices]
+        for k in chain
+    ]
+    maps = {arms[k.variable]: m for k, m in zip(chain, link_maps(chain, values)) if k.variable in arms}
     return product(chain, values), maps
 
 
@@ -260,10 +272,9 @@ def inconsistent(several: Several, solution: Solution, i: int) -> Mask:
     T, maps = prediction(several, solution, i, data.use)
     d = se3.local(T, data.B[data.use])
     C = data.covariance[data.use] * solution.sigmas[pixel_group(p.camera)] ** 2
-    if maps:
-        noise = pose_noise(several, solution, p.robot)[_pose_rows(several, i, data.use)]
-        for M in maps:
-            C = C + M @ noise @ np.swapaxes(M, -1, -2)
+    at = pose_rows(several, i, data.use)
+    for robot, M in maps.items():
+        C = C + M @ pose_noise(several, solution, robot)[at[robot]] @ np.swapaxes(M, -1, -2)
     statistic = np.einsum("ni,ni->n", d, np.linalg.solve(C, d[..., None])[..., 0])
     scale = max(float(np.median(statistic)) / CHI2_6_MEDIAN, 1.0)
     out[np.flatnonzero(data.use)] = (statistic / scale > CHI2_6_LIMIT) & (np.sum(d * d, axis=1) > ROUNDING)

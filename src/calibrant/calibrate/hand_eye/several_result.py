@@ -97,7 +97,7 @@ def _methods(several: Several, solution: Solution) -> dict[str, MethodResult]:
     list's in front: "left: park"."""
     out: dict[str, MethodResult] = {}
     for p, data in zip(several.layout.pictures, several.data):
-        if p.setup == STANDING or data.use.sum() < 3:
+        if len(p.movers) != 1 or data.use.sum() < 3:
             continue
         setup = get_setup(p.setup)
         A, B = setup.normal_form(_said_at(several, solution, p.robot, data)), data.B[data.use]
@@ -186,7 +186,7 @@ def _deviations(several: Several, solution: Solution, rows: Sequence[Mask]) -> L
 
 def _held_out(several: Several, solution: Solution) -> LoopDeviations | None:
     """Errors of views whose moments were left out of the fit, its noise levels kept; None with too few moments."""
-    moments = sorted({(p.robot, m) for p in several.layout.pictures for m in several.moments(p.robot)})
+    moments = sorted({(p.robot, m) for p in several.layout.pictures if p.movers for m in several.moments(p.robot)})
     folds = min(FOLDS, len(moments))
     if folds < 4:
         return None

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.calibrate.hand_eye.hand_to_hand import hand_to_hand_start
 from calibrant.calibrate.hand_eye.motion import motion_report
 from calibrant.calibrate.hand_eye.seed import best_seed
 from calibrant.calibrate.hand_eye.setup import get_setup
-from calibrant.calibrate.hand_eye.several_setting import STANDING, Frame, Layout, Pictures
+from calibrant.calibrate.hand_eye.several_setting import HAND_TO_HAND, STANDING, Frame, Layout, Pictures
 from calibrant.calibrate.hand_eye.views import HandEyeViews
 from calibrant.errors import RefusedError
 from calibrant.geometry import se3, so3
@@ -51,13 +52,18 @@ def several_start(layout: Layout, data: Sequence[HandEyeViews]) -> SeveralStart:
             graph = graph.add(p.camera, layout.target(p), _middle(data[i].B[data[i].use]))
             continue
         try:
+            if p.setup == HAND_TO_HAND:
+                found = hand_to_hand_start(*_both_arms(layout, p, data[i]))
+                spreads.append(found.spread)
+                edges = _hand_to_hand_edges(layout, p)
+                graph = _add(graph, edges, (found.X, found.W, found.Z))
+                continue
             X, Z, cleaned[i], spread = _alone(p, data[i])
         except RefusedError as error:
             refused[i] = str(error)
             continue
         spreads.append(spread)
-        for (parent, child), T in zip(layout.constants(p), (X, Z)):
-            graph = graph.add(parent, child, T)
+        graph = _add(graph, layout.constants(p), (X, Z))
     graph = _through_others(layout, cleaned, graph, refused)
     transforms = {}
     # Robots first: where nothing ties them, that is what a person has to know.
@@ -68,6 +74,29 @@ def several_start(layout: Layout, data: Sequence[HandEyeViews]) -> SeveralStart:
     median = np.median(np.array(spreads), axis=0) if spreads else np.array(LEVEL_START)
     transforms = {f: transforms[f] for f in layout.unknown}
     return SeveralStart(transforms, tuple(cleaned), (float(median[0]), float(median[1])))
+
+
+def _add(graph: FrameGraph, edges: Sequence[Frame], transforms: Sequence[Array]) -> FrameGraph:
+    for (parent, child), T in zip(edges, transforms):
+        graph = graph.add(parent, child, T)
+    return graph
+
+
+def _both_arms(layout: Layout, p: Pictures, data: HandEyeViews) -> tuple[Array, Array, Array]:
+    """A, C and B of the used views of a camera on one robot and a target on another."""
+    other = layout.robots[p.other]
+    index = {name: k for k, name in enumerate(other.ids)}
+    C = other.T_base_gripper[[index[i] for i, use in zip(data.ids, data.use) if use]]
+    return data.T_base_gripper[data.use], C, data.B[data.use]
+
+
+def _hand_to_hand_edges(layout: Layout, p: Pictures) -> tuple[Frame, Frame, Frame]:
+    """Camera in gripper, the other robot's base in this one's, target in the other's gripper."""
+    return (
+        (layout.gripper(p.robot), p.camera),
+        (layout.base(p.robot), layout.base(p.other)),
+        (layout.gripper(p.other), layout.target(p)),
+    )
 
 
 def _alone(p: Pictures, data: HandEyeViews) -> tuple[Array, Array, HandEyeViews, tuple[float, float]]:
@@ -95,9 +124,13 @@ def _through_others(
         before = set(left)
         for i in sorted(left):
             p, used = layout.pictures[i], data[i].use
-            (at, camera), (on, target) = layout.constants(p)
             if not used.any():
                 continue
+            if p.setup == HAND_TO_HAND:
+                graph, done = _third(layout, p, data[i], graph)
+                left -= {i} if done else set()
+                continue
+            (at, camera), (on, target) = layout.constants(p)
             A, B = get_setup(p.setup).normal_form(data[i].T_base_gripper[used]), data[i].B[used]
             if _connected(graph, on, target):
                 X = se3.inverse(A) @ graph.T(on, target) @ se3.inverse(B)
@@ -109,6 +142,21 @@ def _through_others(
             left.discard(i)
         if left == before:
             return graph
+
+
+def _third(layout: Layout, p: Pictures, data: HandEyeViews, graph: FrameGraph) -> tuple[FrameGraph, bool]:
+    """With two of X, W, Z of A_i X B_i = W C_i Z known by other pictures, the third; and whether there was such a one."""
+    A, C, B = _both_arms(layout, p, data)
+    edges = _hand_to_hand_edges(layout, p)
+    known = [graph.T(*e) if _connected(graph, *e) else None for e in edges]
+    X, W, Z = known
+    if X is not None and W is not None and Z is None:
+        return graph.add(*edges[2], _middle(se3.inverse(W @ C) @ A @ X @ B)), True
+    if X is not None and Z is not None and W is None:
+        return graph.add(*edges[1], _middle(A @ X @ B @ se3.inverse(C @ Z))), True
+    if W is not None and Z is not None and X is None:
+        return graph.add(*edges[0], _middle(se3.inverse(A) @ W @ C @ Z @ se3.inverse(B))), True
+    return graph, all(T is not None for T in known)
 
 
 def _middle(T: Array) -> Array:

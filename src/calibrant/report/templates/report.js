@@ -84,7 +84,7 @@ const report = (() => {
     add(pattern, "rect", { width: 2, height: 5, fill: report.colour("soft") });
   }
   function paint() {
-    const [key, unit] = metric, box = { left: 52, right: 10, top: 10, bottom: 26, height: 230 };
+    const [key, unit] = metric, box = { left: 68, right: 10, top: 10, bottom: 26, height: 230 };
     const count = data.views.length, available = root.clientWidth || 600;
     const width = Math.max(available, box.left + box.right + 5 * count), span = width - box.left - box.right;
     const most = Math.max(...data.views.map((v) => v[key] ?? 0), key === "rms" ? data.rms ?? 0 : 0) || 1;
@@ -97,9 +97,8 @@ const report = (() => {
     const soft = report.colour("soft"), line = report.colour("line"), font = { fill: soft, "font-size": 12 };
     for (let value = 0; value <= top + step / 2; value += step) {
       add(svg, "line", { x1: box.left, x2: width - box.right, y1: y(value), y2: y(value), stroke: line });
-      add(svg, "text", { x: box.left - 8, y: y(value) + 4, "text-anchor": "end", ...font }, round(value));
+      add(svg, "text", { x: box.left - 8, y: y(value) + 4, "text-anchor": "end", ...font }, value + step / 2 < top ? round(value) : `${round(value)} ${unit}`);
     }
-    add(svg, "text", { x: 2, y: box.top + 4, ...font }, unit);
     const pitch = span / count, bar = Math.min(Math.max(pitch * 0.72, 2), 46);
     const every = Math.ceil((Math.max(...data.views.map((v) => report.nameOf(v).length)) * 7 + 10) / pitch);
     data.views.forEach((view, i) => {

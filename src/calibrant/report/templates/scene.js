@@ -112,6 +112,7 @@
         push([corner, add(corner, add(points[1], corner, -1), step), add(corner, add(points[3], corner, -1), step)], { closed: true, stroke, fill: stroke, alpha: 0.75, width: 1 });
         const middle = points.reduce((sum, p) => add(sum, p, 0.25), [0, 0, 0]);
         const what = layer === "seen" ? "target as the camera sees it" : "target by the robot";
+        if (layer === "robot" && board.view === null) label(middle, "target", report.colour("ink"));
         mark(middle, board.label ? `${board.label}: ${what}` : what, board.view);
       });
     });

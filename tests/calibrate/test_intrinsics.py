@@ -183,6 +183,10 @@ def test_one_view_determines_a_focal_length(scene: IntrinsicsScene) -> None:
 def test_unusable_input_is_named(scene: IntrinsicsScene) -> None:
     with pytest.raises(InputError, match="no view with 4 points or more"):
         calibrate_intrinsics(replace(scene.observations, views=()))
+    first = scene.observations.views[0]
+    few = replace(first, id="few", points=first.points[:3], uv=first.uv[:3], point_ids=first.point_ids[:3])
+    with pytest.raises(InputError, match=r"\(few: 3 points, a pose needs 4\)"):
+        calibrate_intrinsics(replace(scene.observations, views=(few,)))
     with pytest.raises(InputError, match="cannot fix 'k9'"):
         calibrate_intrinsics(scene.observations, fix=["k9"])
     with pytest.raises(InputError, match="unknown camera model 'lens'"):

@@ -167,12 +167,52 @@ def test_scales_start_small_and_end_with_all():
     assert 1 in scales(4000, 3000)
 
 
-def test_partly_outside_is_not_found():
-    lens = LENS
-    board = facing(9, 6, lens, distance=9, tilt_deg=0, axis_deg=0)
-    t = np.add(board.translation, (2.5, 0, 0))
-    found = find(picture(9, 6, Pose(board.rotation, tuple(t)), lens, SIZE))
-    assert not found.found
+def shifted(columns, rows, *shift, distance=9.0, tilt=0.0, roll=0.0, seed=0, **options):
+    """A board moved by so many squares, partly out of the image, and all its corners."""
+    board = facing(columns, rows, LENS, distance=distance, tilt_deg=tilt, axis_deg=40, roll_deg=roll)
+    pose = Pose(board.rotation, tuple(np.add(board.translation, (*shift, 0))))
+    return picture(columns, rows, pose, LENS, SIZE, seed=seed, **options), corners(columns, rows, pose, LENS)
+
+
+@pytest.mark.parametrize("roll", [0, 90, 180, 270])
+def test_a_part_of_a_board_is_numbered_where_its_ends_are_seen(roll):
+    # Upright, two columns or three rows are cut off; on its side, two columns.
+    shifts = [(3.0, 0.0), (0.0, 3.5)] if roll % 180 == 0 else [(0.0, 2.5)]
+    for shift in (*shifts, *np.negative(shifts)):
+        image, true = shifted(9, 6, *shift, distance=10.5, roll=roll, tilt=10)
+        inside = np.all((true > 9) & (true < np.array(SIZE) - 10), axis=1)
+        assert 24 <= inside.sum() < 54, (shift, inside.sum())
+        found = find(image)
+        assert found.found, (shift, found.reason)
+        assert np.abs(found.uv - true[found.point_ids]).max() < 0.5
+        assert len(found.uv) >= 0.7 * inside.sum()
+
+
+def test_no_part_of_a_board_is_numbered_wrongly():
+    rng = np.random.default_rng(3)
+    numbered = 0
+    for k in range(12):
+        image, true = shifted(
+            9, 6, rng.uniform(-5, 5), rng.uniform(-4, 4), distance=rng.uniform(8, 12), tilt=rng.uniform(0, 40),
+            roll=rng.uniform(-180, 180), seed=k, noise=rng.uniform(0, 6), margin=rng.choice([0.3, 1.0]),
+        )  # fmt: skip
+        found = find(image)
+        if found.found:
+            numbered += 1
+            assert np.abs(found.uv - true[found.point_ids]).max() < 2.0
+    assert numbered >= 4
+
+
+def test_a_part_whose_place_cannot_be_known_is_refused_with_the_reason():
+    # Left, right and lower end outside: all rows might be seen, but no column is known.
+    image, _ = shifted(20, 7, 0.0, 0.0, distance=10)
+    assert "its ends are seen on too few sides" in find(image, 20, 7).reason
+    # Five columns and five rows at one corner of a board of 9x6: it may be either of two corners.
+    image, _ = shifted(9, 6, 3.9, 1.6, distance=8.6)
+    assert "cannot be told apart" in find(image).reason
+    # Without paper around it, a board does not show where it ends.
+    image, _ = shifted(9, 6, 4.5, 0.0, margin=0.0, backdrop=20.0)
+    assert "its ends are seen on too few sides" in find(image).reason
 
 
 @pytest.mark.parametrize(("side", "rms"), [("left", 0.26), ("right", 0.25)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 from tests.detect.charuco_scenes import facing, photograph
@@ -69,7 +70,8 @@ def test_all_markers_that_opencv_reads_are_read() -> None:
     quad = np.array([[60.0, 50.0], [430.0, 30.0], [440.0, 330.0], [40.0, 300.0]])
     for seed, blur_px in enumerate((0.7, 1.2, 1.6)):
         image, _ = photograph(board, facing(board, quad=quad), blur_px=blur_px, seed=seed)
-        theirs = opencv.find_markers(image, board.dictionary)
+        corners, ids, _ = cv2.aruco.ArucoDetector(opencv.dictionary(board.dictionary)).detectMarkers(image)
+        theirs = opencv.Markers.of(corners, ids)
         ours = find_markers(image, board.dictionary, Effort(1))
         assert set(theirs.ids.tolist()) <= set(ours.ids.tolist())
         for marker_id, corners in zip(ours.ids.tolist(), ours.corners, strict=True):

@@ -8,6 +8,7 @@ import pytest
 from tests.detect.charuco_scenes import facing, photograph
 
 from calibrant.detect import opencv
+from calibrant.detect.marker_search import Effort, find_markers
 from calibrant.errors import InputError
 from calibrant.targets.charuco import Charuco
 from calibrant.targets.dictionaries import DICTIONARIES
@@ -19,28 +20,18 @@ def test_the_version_is_one_we_promise() -> None:
 
 
 @pytest.mark.parametrize("name", DICTIONARIES)
-def test_every_dictionarys_cells_are_read_back_by_its_detector(name: str) -> None:
+def test_every_dictionarys_cells_are_read_back(name: str) -> None:
     last = DICTIONARIES[name].capacity - 1
     cells = opencv.marker_cells(name, last)
     assert cells.shape == (DICTIONARIES[name].bits + 2,) * 2
     assert not cells[0].any()
     assert not cells[:, -1].any()
     image = np.pad(np.kron(cells.astype(np.uint8) * 255, np.ones((12, 12), np.uint8)), 40, constant_values=255)
-    found = opencv.find_markers(image, name)
+    found = find_markers(image, name, Effort(1))
     assert last in found.ids
     side = 12.0 * cells.shape[0]
     at = found.corners[found.ids.tolist().index(last)]
-    # Corners come from the contours of a threshold with a window of 7 px: up to half of it inside the marker.
-    np.testing.assert_allclose(at, 40.0 + side * np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) - 0.5, atol=3.6)
-
-
-def test_a_smaller_image_gives_pixels_of_the_full_one() -> None:
-    cells = opencv.marker_cells("DICT_6X6_250", 7)
-    image = np.pad(np.kron(cells.astype(np.uint8) * 255, np.ones((20, 20), np.uint8)), 50, constant_values=255)
-    full = opencv.find_markers(image, "DICT_6X6_250")
-    half = opencv.find_markers(image, "DICT_6X6_250", factor=2)
-    assert full.ids.tolist() == half.ids.tolist() == [7]
-    np.testing.assert_allclose(half.corners, full.corners, atol=2 * 3.6)
+    np.testing.assert_allclose(at, 40.0 + side * np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) - 0.5, atol=0.5)
 
 
 def test_samples_are_bilinear_with_pixel_centres_at_whole_numbers() -> None:

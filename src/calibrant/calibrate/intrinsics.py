@@ -40,6 +40,9 @@ Array = NDArray[np.float64]
 FOCAL_LENGTH_GRID = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 8.0)
 """Focal lengths to try, in image widths, when the views do not show theirs: 90 to 7 degrees of view."""
 
+MOST_NAMED = 3
+"""Views that an error names; more would hide what it says."""
+
 
 @dataclass(frozen=True, eq=False)
 class Kept:
@@ -105,8 +108,10 @@ def calibrate_keeping(
             too_small |= on_a_line
             stacked, seen = (stack(views), seen.only(stacked, seen.good)) if views else (stacked, seen)
     if not views:
-        found = f"{len(observations.missed)} images without a board" if observations.missed else "no views were given"
-        raise InputError(f"there is no view with {MINIMUM_POINTS} points or more to calibrate from ({found})")
+        raise InputError(
+            f"there is no view with {MINIMUM_POINTS} points or more, not all on a line, to calibrate from "
+            f"({_why_no_view(observations, too_small)})"
+        )
     if isinstance(seen, PlaneViews):
         require_conditions(len(views), kind, fix)
     try:
@@ -131,6 +136,16 @@ def calibrate_keeping(
         options = {**result.options, "target_shape": target_shape}
         result = replace(result, options=options, target_shape=with_noise(figures, result.sigma_px or 0.0))
     return Kept(result, fit.views, fit.solution)
+
+
+def _why_no_view(observations: Observations, reasons: dict[str, str]) -> str:
+    """What each view lacks: the first few by name, the others counted."""
+    said = [f"{name}: {reason}" for name, reason in list(reasons.items())[:MOST_NAMED]]
+    if len(reasons) > MOST_NAMED:
+        said.append(f"{len(reasons) - MOST_NAMED} more views like these")
+    if observations.missed:
+        said.append(f"{len(observations.missed)} images without a board")
+    return "; ".join(said) or "no views were given"
 
 
 def _enough_points(views: Sequence[View]) -> tuple[tuple[View, ...], dict[str, str]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,6 +18,17 @@ if TYPE_CHECKING:
 
 LEAST_VIEWS = 6
 """Views before the first calibration: with fewer, sigma says little."""
+
+LEAST_SOLVABLE = 3
+"""Views of a plane that determine a camera."""
+ADVICE = {
+    "no board": ("without the board", "Show the whole board, lit evenly, and check --target."),
+    "moving": ("with the board moving", "Hold the board still for a moment at every place, or lay the camera down."),
+    "not sharp": ("blurred", "Focus, or light the board better so that exposures are short."),
+    "too few points": ("with too few points", "Show more of the board."),
+    "seen before": ("like views kept before", "Move the board between views: other places, nearer, tilted."),
+}
+"""Reasons of `Session.look`: how many frames there were of them, in words, and what to do."""
 
 
 def capture(
@@ -71,10 +83,12 @@ def _run(source: str, spec: str, to: Path | None, goal_px: float, model: str, *,
     state, views = Session(board), list[View]()
     result: CalibrationResult | None = None
     size = (0, 0)
+    passed = Counter[str]()
     for frame in frames_from(source):
         detection = detector.detect(frame.grey, board)
         state, reason = state.look(frame, detection)
         if reason is not None:
+            passed[reason] += 1
             continue
         rows = [row_of[int(label)] for label in detection.point_ids]
         size = (frame.grey.shape[1], frame.grey.shape[0])
@@ -93,21 +107,46 @@ def _run(source: str, spec: str, to: Path | None, goal_px: float, model: str, *,
             sys.stdout.write(_line(frame.name, len(views), state, worst) + "\n")
         if worst is not None and worst <= goal_px:
             break
-    return _final(result, views, size, board.spec, model, state)
-
-
-def _final(
-    result: CalibrationResult | None, views: list[View], size: tuple[int, int], spec: str, model: str, state: Session
-) -> CalibrationResult:
-    """The calibration of all views taken. Raises: RefusedError saying which views are missing."""
     if result is not None:
         return result
-    if len(views) < 3:
-        raise RefusedError(f"only {len(views)} views were worth keeping; next: {state.missing() or 'take more views'}")
+    try:
+        return _final(views, size, board.spec, model, state)
+    except RefusedError as error:
+        refused = RefusedError(f"{error}{_passed_over(passed)}{_where(views, to)}")
+        refused.result = error.result
+        raise refused from error
+
+
+def _final(views: list[View], size: tuple[int, int], spec: str, model: str, state: Session) -> CalibrationResult:
+    """The calibration of all views taken. Raises: RefusedError saying which views are missing."""
+    if len(views) < LEAST_SOLVABLE:
+        kept = f"only {len(views)} view{'s were' if len(views) != 1 else ' was'} worth keeping"
+        raise RefusedError(
+            f"{kept}, a calibration needs {LEAST_SOLVABLE}; next: {state.missing() or 'take more views'}"
+        )
     from calibrant.calibrate.intrinsics import calibrate_intrinsics
     from calibrant.data import Observations
 
     return calibrate_intrinsics(Observations(tuple(views), {"camera": size}, spec), model=model)
+
+
+def _passed_over(passed: Counter[str]) -> str:
+    """Why the other frames were not kept, the most frequent first, and what to do about that."""
+    if not passed:
+        return ""
+    counts = ", ".join(f"{count} {ADVICE[reason][0]}" for reason, count in passed.most_common())
+    return f"\nnot kept: {counts}. {ADVICE[passed.most_common(1)[0][0]][1]}"
+
+
+def _where(views: list[View], to: Path | None) -> str:
+    if not views:
+        return ""
+    if to is None:
+        return "\nThe pictures of the views were not kept: --to DIR keeps them."
+    return (
+        f"\nThe {len(views)} picture{'s' if len(views) != 1 else ''} taken so far stay in {to}; take more into another "
+        "folder, and give both to calibrant intrinsics."
+    )
 
 
 def _calibrated(observations: Observations, model: str) -> CalibrationResult | None:

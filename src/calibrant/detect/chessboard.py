@@ -19,6 +19,7 @@ import numpy as np
 from calibrant.detect.chessboard_corners import MOST_CANDIDATES, find_corners
 from calibrant.detect.chessboard_grid import Grid, grow_grids, turned
 from calibrant.detect.chessboard_links import neighbours
+from calibrant.detect.chessboard_partial import Placed, place
 from calibrant.detect.chessboard_snap import predict
 from calibrant.detect.detection import Detection, Grey
 from calibrant.detect.refinement import DEFAULT, Refinement, refine
@@ -82,7 +83,10 @@ class ChessboardDetector:
             # A corner that one scale loses in blur or noise, another may show.
             if best is None or len(detection.uv) > len(best.uv):
                 best = detection
-        return _not_found(seen, target) if best is None else best
+        if best is not None:
+            return best
+        part = _part(grey, seen, target, self.refinement)
+        return _not_found(seen, target) if part is None else part
 
 
 def _at_every_scale(grey: Grey, target: Chessboard) -> Iterator[_Found]:
@@ -126,13 +130,45 @@ def _numbered(grey: Grey, found: _Found, target: Chessboard, how: Refinement) ->
         return Detection.nothing(
             f"only {int(known.sum())} of {known.size} corners of the board can be seen; uncover it or light it evenly"
         )
-    refined = _refined(grey, grid, found.factor, how)
+    return _measured(grey, Placed(grid, 0, 0), found.factor, target, least, how)
+
+
+def _measured(grey: Grey, placed: Placed, factor: int, target: Chessboard, least: float, how: Refinement) -> Detection:
+    """The corners of a grid whose place on the board is known, where at least so many can be measured."""
+    grid = placed.grid
+    refined = _refined(grey, grid, factor, how)
     good = refined.converged & (refined.noise < MOST_NOISE * refined.contrast)
     if good.sum() < least:
         return Detection.nothing("the board was seen but its corners are too blurred or too noisy to be measured")
-    ids = np.flatnonzero(known.ravel())[good]
+    row, column = np.argwhere(grid.known)[good].T
+    ids = (row + placed.row) * target.columns + column + placed.column
     notes = () if target.turns_unnoticed_deg is None else (_ambiguous(target),)
     return Detection(ids.astype(np.int64), refined.uv[good], refined.sigma_px[good], notes=notes)
+
+
+def _part(grey: Grey, seen: list[_Found], target: Chessboard, how: Refinement) -> Detection | None:
+    """The largest grid that is a part of the board, numbered where its place is known; None when there is none."""
+    why: str | None = None
+    for found in sorted(seen, key=lambda f: -int(f.grid.known.sum())):
+        grid = found.grid
+        asked = sorted((target.rows, target.columns))
+        if sorted(grid.shape) == asked or max(grid.shape) > asked[1] or grid.known.sum() < LEAST_LOOK:
+            continue
+        here = replace(grid, xy=(grid.xy - 0.5 * (found.factor - 1)) / found.factor)
+        places = place(_level(grey, found.factor), here, target)
+        if isinstance(places, str):
+            why = why or places
+        elif places and grid.known.sum() < LEAST_COUNT:
+            why = why or (
+                f"only {int(grid.known.sum())} of {target.rows * target.columns} corners are in the image; a part of a "
+                f"board counts from {LEAST_COUNT} on"
+            )
+        if isinstance(places, str) or not places or grid.known.sum() < LEAST_COUNT:
+            continue
+        placed = max(places, key=lambda p: _lower_right(p.grid))
+        placed = replace(placed, grid=replace(placed.grid, xy=found.factor * placed.grid.xy + 0.5 * (found.factor - 1)))
+        return _measured(grey, placed, found.factor, target, LEAST_COUNT, how)
+    return None if why is None else Detection.nothing(why)
 
 
 def _refined(grey: Grey, grid: Grid, factor: int, how: Refinement) -> Refined:

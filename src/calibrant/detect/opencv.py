@@ -20,10 +20,6 @@ from calibrant.targets.dictionaries import dictionary_name
 
 Array = NDArray[np.float64]
 
-# Search windows of the adaptive threshold, pixels: a few pixels find thin and small borders, 23 find wide ones.
-ALL_WINDOWS = (7, 23)
-
-
 VERSION = tuple(int(n) for n in cv2.__version__.split(".")[:2])
 # Before 4.14 its CharucoDetector counted from the corner of the top left pixel, unlike the rest of the library
 # (measured on drawn boards; a test watches it).
@@ -67,17 +63,6 @@ def marker_cells(name: str, marker_id: int) -> NDArray[np.bool_]:
     return cells
 
 
-@lru_cache(maxsize=64)
-def _detector(name: str, windows: tuple[int, ...]) -> Any:
-    parameters = cv2.aruco.DetectorParameters()
-    parameters.adaptiveThreshWinSizeMin = windows[0]
-    parameters.adaptiveThreshWinSizeMax = windows[-1]
-    parameters.adaptiveThreshWinSizeStep = max(windows[-1] - windows[0], 1)
-    # Negatives cost next to nothing to read along, and a user who forgot to say so gets told.
-    parameters.detectInvertedMarker = True
-    return cv2.aruco.ArucoDetector(dictionary(name), parameters)
-
-
 def shrink(grey: Grey, factor: int) -> Grey:
     """The image made smaller by a whole factor, each pixel the mean of factor x factor."""
     if factor == 1:
@@ -85,17 +70,6 @@ def shrink(grey: Grey, factor: int) -> Grey:
     size = (grey.shape[1] // factor, grey.shape[0] // factor)
     cropped = grey[: size[1] * factor, : size[0] * factor]
     return np.asarray(cv2.resize(cropped, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-
-
-def find_markers(grey: Grey, name: str, *, factor: int = 1, windows: tuple[int, ...] = ALL_WINDOWS) -> Markers:
-    """Markers by OpenCV's own detector, the one to compare with, in the image made smaller by `factor`.
-
-    Pixel (0, 0) is the centre of the top left pixel at either size: u_full = factor * (u_small + 1/2) - 1/2.
-    The corners are rough: those of contours, inside wide borders by up to half a window.
-    """
-    corners, ids, _ = _detector(name, windows).detectMarkers(shrink(grey, factor))
-    found = Markers.of(corners, ids)
-    return Markers(found.ids, factor * (found.corners + 0.5) - 0.5)
 
 
 def sample(grey: Grey, uv: Array) -> Array:

@@ -278,10 +278,11 @@ def _fit(grey, uv, steps, dark, radius, blur, zero):  # type: ignore[no-untyped-
             unit[axis] = 1.0
             _solve(L, unit, column)
             spread += 0.5 * variance * column[axis]
-        limit = WINDOW * min(math.hypot(step[0], step[1]), math.hypot(step[2], step[3]))
+        # A fit that runs half its window away has left the corner it began at for something else.
+        limit = min(WINDOW * min(math.hypot(step[0], step[1]), math.hypot(step[2], step[3])), 0.5 * radius)
         moved = math.hypot(p[0] - uv[i, 0], p[1] - uv[i, 1])
         sigma[i, 1] = math.sqrt(variance)
-        # Nothing is known of a corner whose deviation is as large as the window it was looked for in.
+        # Nor is anything known of one whose deviation is as large.
         if 0.0 < spread < limit * limit and moved < limit and (p[6] > 0.0) == dark[i]:
             sigma[i, 0] = math.sqrt(spread)
     return fitted, sigma

@@ -24,10 +24,10 @@ Array = NDArray[np.float64]
 
 PICTURES = 2
 """Pictures looked at again: each shows a dozen markers, and their corners are searched anew."""
-OUTLINE_PX = 1.0
-"""A marker's outline runs through the middles of its outermost pixels: each side comes out one pixel short."""
-UNSURE_PX, UNSURE_SHARE = 2.0, 0.03
-"""Blur and the grey of the edges move it by up to two pixels more, of some tens; 3 % on top is a printed size."""
+UNSURE_PX, UNSURE_SHARE = 1.0, 0.03
+"""Overexposed paper eats up to half a pixel of ink on each side; 3 % on top is a printed size."""
+REACH_CELLS = 0.8
+"""Profiles across an edge stay within the marker's border, one cell wide, and as far off the next square."""
 LEAST_SIDES = 12
 
 
@@ -68,24 +68,36 @@ def _charuco(case: Case) -> Charuco | None:
 def _sides(case: Case, row: int, target: Charuco) -> tuple[Array, Array]:
     """Sides of the markers in one picture: over the side given, and in pixels."""
     from calibrant.detect.images import load_grey
-    from calibrant.detect.opencv import ALL_WINDOWS, find_markers
 
     view: View = case.data.views[row]  # type: ignore[index]
     nothing = np.zeros(0), np.zeros(0)
     if view.file is None:
         return nothing
     try:
-        markers = find_markers(load_grey(view.file), target.dictionary, windows=ALL_WINDOWS)
+        uv = _quads(load_grey(view.file), target)
     except CalibrantError:  # the picture has gone since: then there is nothing to measure
         return nothing
-    quads = [m for i, m in zip(markers.ids, markers.corners) if 0 <= i < target.marker_count]
-    if not quads:
+    if len(uv) == 0:
         return nothing
-    uv = np.stack(quads).astype(np.float64)
     pixels, metres = (_lengths(corners) for corners in (uv, _on_board(case, row, uv)))
-    share = metres / (target.marker * case.scale) * (1 + OUTLINE_PX / pixels)
+    share = metres / (target.marker * case.scale)
     good = np.isfinite(share)
     return share[good], pixels[good]
+
+
+def _quads(grey: NDArray[np.uint8], target: Charuco) -> Array:
+    """The outlines (k, 4, 2) px of the board's markers in a picture, each side where its edge is."""
+    from calibrant.detect.marker_search import Effort, find_markers
+    from calibrant.detect.opencv import marker_cells
+    from calibrant.detect.quad_edges import refine_quads
+
+    dark = np.asarray(255 - grey, np.uint8) if target.inverted else grey
+    markers = find_markers(dark, target.dictionary, Effort(1))
+    markers = markers.subset((markers.ids >= 0) & (markers.ids < target.marker_count))
+    gap = 0.5 * (target.square / target.marker - 1.0)
+    reach = REACH_CELLS * min(1.0 / len(marker_cells(target.dictionary, 0)), gap)
+    uv, sigma = refine_quads(dark, markers.corners, reach=reach)
+    return uv[np.isfinite(sigma).all(axis=1)]
 
 
 def _lengths(corners: Array) -> Array:

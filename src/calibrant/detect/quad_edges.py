@@ -28,6 +28,8 @@ MEASURE_PX = (6.0, 4.0)
 """Half lengths of the profiles that measure it, the last with a sample every half pixel."""
 LEAST_STEP = 8.0
 """Grey levels between ink and paper: a few times the noise."""
+NEIGHBOUR = 0.1
+"""Part of the step by which a plateau may fall off towards its end: uneven light does less, another surface more."""
 STRAIGHT = 2.5
 """Profiles further off their line than this many standard deviations are left out: something lies on the edge there."""
 PROFILE_SIGMA_PX = 0.1
@@ -40,8 +42,8 @@ FLOOR_PX = 0.02
 def refine_quads(grey: Grey, corners: Array, *, reach: float) -> tuple[Array, Array]:
     """Corners (n, 4, 2) px, in order around each square, moved onto its edges; and their sigma_px (n, 4).
 
-    Args: reach: how far profiles may go to each side of an edge, as a part of the side: within the border of ink and
-    within the paper around. Sigma is infinite where the edges cannot be seen.
+    Args: reach: how far profiles may go to each side of an edge, as a part of the square's size: within the border of
+    ink and within the paper around. Sigma is infinite where the edges cannot be seen.
     """
     found = np.asarray(corners, dtype=np.float64)
     sigma = np.full(found.shape[:2], np.inf)
@@ -50,7 +52,7 @@ def refine_quads(grey: Grey, corners: Array, *, reach: float) -> tuple[Array, Ar
     uv = found.copy()
     for half_px, offsets in ((FIND_PX, _steepest), *((px, _by_area) for px in MEASURE_PX)):
         side = np.roll(uv, -1, axis=1) - uv
-        half = np.clip(reach * np.linalg.norm(side, axis=2), 1.5, half_px)
+        half = np.clip(reach * _depth(uv, side), 1.5, half_px)
         value, normal = _profiles(grey, uv, side, half)
         part, seen = offsets(value)
         first, last, spread = _tangents(uv, side, normal, part * half[..., None], seen)
@@ -62,6 +64,14 @@ def refine_quads(grey: Grey, corners: Array, *, reach: float) -> tuple[Array, Ar
         sigma = np.where(good, np.sqrt(0.5 * both + FLOOR_PX**2) / np.maximum(sine, 1e-3), np.inf)
         uv = np.where(good[..., None], crossing, uv)
     return uv, sigma
+
+
+def _depth(uv: Array, side: Array) -> Array:
+    """How deep the square is across each side (n, 4), px: a slanted one is narrower than its sides are long."""
+    u, v = side[..., 0], side[..., 1]
+    others = np.stack([np.roll(uv, -2, axis=1), np.roll(uv, -3, axis=1)]) - uv
+    distance = np.abs(u * others[..., 1] - v * others[..., 0]) / np.maximum(np.hypot(u, v), 1e-9)
+    return np.asarray(distance.min(axis=0))
 
 
 def _profiles(grey: Grey, uv: Array, side: Array, half: Array) -> tuple[Array, Array]:
@@ -84,12 +94,30 @@ def _steepest(value: Array) -> tuple[Array, NDArray[np.bool_]]:
 
 def _by_area(value: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Where the edge must be for the ink's area under the profiles, -1 ... 1, and whether it is seen."""
+    value = _without_neighbours(value)
     ink, paper = value[..., :3].mean(axis=-1), value[..., -3:].mean(axis=-1)
     step = paper - ink
     missing = (paper[..., None] - value) / np.where(np.abs(step) > 1e-6, step, 1.0)[..., None]
     width = (missing.sum(axis=-1) - 0.5 * (missing[..., 0] + missing[..., -1])) * (2.0 / (SAMPLES - 1))
     offset = width - 1.0
     return offset, (step > LEAST_STEP) & (np.abs(offset) < 1.0)
+
+
+def _without_neighbours(value: Array) -> Array:
+    """Profiles that end on the ink's and the paper's plateau, where a side's own reach further: onto a table, a cell.
+
+    The mean profile of a side, whose noise is a fifth, says where; what lies beyond takes the plateau's brightness.
+    """
+    middle, index = SAMPLES // 2, np.arange(SAMPLES)
+    mean = value.mean(axis=2)
+    top = middle + 2 + np.argmax(mean[..., middle + 2 :], axis=-1)
+    bottom = np.argmin(mean[..., : middle - 1], axis=-1)
+    light, dark = (np.take_along_axis(mean, at[..., None], axis=-1)[..., 0] for at in (top, bottom))
+    allowed = NEIGHBOUR * (light - dark)
+    top = np.where(light - mean[..., -3:].mean(axis=-1) > allowed, top, SAMPLES - 1)
+    bottom = np.where(mean[..., :3].mean(axis=-1) - dark > allowed, bottom, 0)
+    inside = np.clip(index, bottom[..., None], top[..., None])
+    return np.take_along_axis(value, np.broadcast_to(inside[:, :, None], value.shape), axis=-1)
 
 
 def _tangents(

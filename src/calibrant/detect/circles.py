@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from calibrant.detect.detection import Detection, Grey
 from calibrant.detect.dot_lattice import Lattice, grow_lattices
-from calibrant.detect.dot_placement import Placement, place
+from calibrant.detect.dot_placement import Placement, least_dots, place
 from calibrant.detect.ellipse import Ellipses, refine_spots
 from calibrant.detect.local_homography import LocalMaps, fit_local_maps
 from calibrant.detect.opencv import shrink
@@ -116,7 +116,7 @@ def _measured(grey: Grey, target: Circles, spots: Spots, lattice: Lattice, place
     )
     steps = target.steps[index].astype(np.float64)
     uv = ellipses.uv.copy()
-    while good.sum() >= max(4, LEAST_FIT * len(index)):
+    while good.sum() >= max(least_dots(target), LEAST_FIT * len(index)):
         maps = fit_local_maps(steps, steps[good], ellipses.uv[good], np.full(int(good.sum()), CENTRE_SIGMA_PX))
         # The maps predict where neighbours' ellipses put this one's centre; both are moved alike.
         error = np.linalg.norm(maps.centres - ellipses.uv, axis=1) / maps.square_px

@@ -24,6 +24,8 @@ LEAST_SEEN = 0.8
 """Of the dots that should be in the picture; the others may be hidden by glare or a finger."""
 LEAST_PART = 0.3
 """Of the whole grid that must be seen: with less, a piece of a regular pattern is taken for it too easily."""
+LEAST_DOTS = 12
+"""A piece of a grid, cut off by the picture's edge, has as many, 4x3: fewer are seen in any row of lamps or letters."""
 MOST_SURPLUS = 0.4
 """Spots on the lattice beside the grid, over its shorter side: a whole line of them is another grid."""
 BORDER = 0.6
@@ -53,8 +55,7 @@ def place(target: Circles, lattice: Lattice, uv: Array, image_size: tuple[int, i
 
     Args: uv (n, 2) px of the lattice's spots; image_size (width, height).
     """
-    least = max(4, LEAST_PART * len(target.points))
-    if len(lattice) < least:
+    if len(lattice) < least_dots(target):
         return f"only {len(lattice)} of {len(target.points)} dots seen"
     H = homography(lattice.cells.astype(np.float64), uv)
     ways = [w for k in range(4) for w in _ways(target, lattice, k, H, image_size)]
@@ -68,6 +69,12 @@ def place(target: Circles, lattice: Lattice, uv: Array, image_size: tuple[int, i
     if len({w.footprint for w in rivals}) > 1 or (target.turns_unnoticed_deg is None and len(rivals) > 1):
         return "several ways fit"
     return max(rivals, key=lambda w: float(w.x_axis[0] + 0.99 * w.x_axis[1]))
+
+
+def least_dots(target: Circles) -> float:
+    """How many of the grid's dots must be seen."""
+    whole = len(target.points)
+    return max(LEAST_PART * whole, min(LEAST_DOTS, LEAST_SEEN * whole))
 
 
 def _ways(target: Circles, lattice: Lattice, quarter: int, H: Array, image_size: tuple[int, int]) -> list[Placement]:

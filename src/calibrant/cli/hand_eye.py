@@ -76,6 +76,7 @@ def hand_eye(
 
     outputs = session.Outputs(out, report, json, quiet, force)
     outputs.check()
+    asked = (refine, window, zero_zone)  # detection is loaded for photos alone
     request = hand_eye_run.Request(
         poses=tuple(poses),
         images=tuple(images or ()),
@@ -95,7 +96,7 @@ def hand_eye(
         workers=workers,
         cache=cache,
         quiet=quiet or json,
-        refinement=o.refinement(refine, window, zero_zone),
+        refinement=o.refinement(refine, window, zero_zone) if images or asked != ("saddle", None, None) else None,
         arm=RobotChoice(robot, robot_link, robot_base, joint_angle, robot_format),
         workspace=workspace,
         tolerance=tolerance,

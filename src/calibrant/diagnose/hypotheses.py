@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from calibrant.calibrate.hand_eye.loops import loop_consistency, loop_errors
 from calibrant.calibrate.hand_eye.motion import motion_report
-from calibrant.calibrate.hand_eye.relative import PosePairs
+from calibrant.calibrate.hand_eye.relative import PosePairs, pair_indices
 from calibrant.calibrate.hand_eye.solvers.park import park
 from calibrant.errors import InputError
 from calibrant.formats.pose_readings import PoseReading
@@ -136,8 +136,8 @@ def misfit_of(a: Alternative) -> float:
 
 def _sieved(readings: Sequence[PoseReading], B: Array) -> list[PoseReading]:
     """The readings whose relative angles agree with the target's about as well as the best ones' do."""
-    upper = np.triu_indices(len(B), 1)
-    camera = _relative_angles(B, upper)
+    pairs = pair_indices(len(B))
+    camera = _relative_angles(B, pairs)
     mismatch: dict[tuple[object, ...], float] = {}
     keys = [(r.rotation, r.angle, r.by_axis_names) for r in readings]
     for key, reading in zip(keys, readings):
@@ -145,7 +145,7 @@ def _sieved(readings: Sequence[PoseReading], B: Array) -> list[PoseReading]:
             # |R_j^T R_i| has the same angle as |R_j R_i^T|: the direction of the poses does not matter here.
             T = reading.T_base_gripper
             T = T if reading.direction == "base-gripper" else se3.inverse(T)
-            mismatch[key] = float(np.median(np.abs(_relative_angles(T, upper) - camera)))
+            mismatch[key] = float(np.median(np.abs(_relative_angles(T, pairs) - camera)))
     limit = max(SIEVE_RATIO * min(mismatch.values()), min(mismatch.values()) + np.deg2rad(SIEVE_DEG))
     # The most believable reading stays, however bad: what the file states is judged by its loop.
     return [
@@ -192,8 +192,8 @@ def _solved(reading: PoseReading, setup: Setup, B: Array) -> Alternative:
 
 def _incongruence(A: Array, B: Array) -> Array:
     """Per view, the median over its partners of how much the angles of A and B differ, rad: (n,)."""
-    n = len(A)
-    upper = np.triu_indices(n, 1)
-    table = np.zeros((n, n))
-    table[upper] = np.abs(_relative_angles(A, upper) - _relative_angles(B, upper))
-    return np.median(table + table.T, axis=1)
+    pairs = pair_indices(len(A))
+    mismatch = np.abs(_relative_angles(A, pairs) - _relative_angles(B, pairs))
+    # Every view occurs in equally many pairs.
+    by_view = np.argsort(np.concatenate(pairs), kind="stable").reshape(len(A), -1)
+    return np.asarray(np.median(np.tile(mismatch, 2)[by_view], axis=1))

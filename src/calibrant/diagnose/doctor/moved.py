@@ -26,6 +26,8 @@ KINDS: tuple[What, What] = ("target", "camera")
 
 LEAST_PART = 3
 """Fewer views before or after are single wrong poses: they do not determine where the thing went."""
+LOOKED_AT = 100
+"""Places looked at in long sessions, and all around the best: the misfit falls from far towards the right place."""
 TRIED = 3
 """Places that are fitted after the quick look at all of them."""
 BETTER = 1.5
@@ -72,12 +74,19 @@ def _splits(case: Case, what: What) -> list[_Split]:
     else:
         # A X_i B = Z with Z as the others say: where each view puts the camera.
         d = se3.local(robust.X, se3.inverse(case.A) @ robust.Z @ se3.inverse(case.B))
-    values = {}
-    for k in range(LEAST_PART, n - LEAST_PART + 1):
-        parts = [part - np.median(part, axis=0) for part in (d[:k], d[k:])]
-        values[k] = float(log_misfit(np.concatenate(parts)).sum())
+    stride = max(1, n // LOOKED_AT)
+    values = {k: _split_misfit(d, k) for k in range(LEAST_PART, n - LEAST_PART + 1, stride)}
+    if stride > 1:
+        best = min(values, key=lambda k: values[k])
+        near = range(max(LEAST_PART, best - stride), min(n - LEAST_PART, best + stride) + 1)
+        values |= {k: _split_misfit(d, k) for k in near}
     likely = sorted(values, key=lambda k: values[k])[:TRIED]
     return [s for k in likely if (s := _fitted(case, what, k)) is not None]
+
+
+def _split_misfit(d: Array, k: int) -> float:
+    """Misfit of deviations (n, 6) about a median of their own before and from row k on."""
+    return float(log_misfit(np.concatenate([part - np.median(part, axis=0) for part in (d[:k], d[k:])])).sum())
 
 
 def _fitted(case: Case, what: What, first: int) -> _Split | None:
@@ -107,8 +116,9 @@ def _fitted(case: Case, what: What, first: int) -> _Split | None:
 
 def _middle(T: Array) -> Array:
     """The transform with the least sum of distances to the others."""
-    gaps = np.linalg.norm((T[:, None] - T).reshape(len(T), len(T), 16), axis=-1)
-    return T[int(np.argmin(gaps.sum(axis=1)))]
+    some = T[:: max(1, len(T) // LOOKED_AT)]
+    gaps = np.linalg.norm((some[:, None] - some).reshape(len(some), len(some), 16), axis=-1)
+    return some[int(np.argmin(gaps.sum(axis=1)))]
 
 
 def _finding(case: Case, best: _Split, splits: list[_Split], single: LoopFit, p: float, gain: float) -> Finding:

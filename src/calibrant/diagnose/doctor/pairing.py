@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.robust import relative_angles
+from calibrant.calibrate.hand_eye.relative import pair_indices
 from calibrant.diagnose.doctor.case import Case
 from calibrant.diagnose.doctor.finding import Evidence, Finding
 from calibrant.diagnose.doctor.significance import CONVINCING, confidence, ratio_test
@@ -81,23 +81,33 @@ def orders(names: Sequence[str]) -> Iterator[Order]:
 
 
 def incongruence(angles_a: Array, angles_b: Array) -> float:
-    """Mean over pairs of ln |angle_A - angle_B|, (n, n) each: lower is better, whatever the noise."""
-    upper = np.triu_indices(len(angles_a), 1)
-    return float(np.mean(np.log(np.abs(angles_a[upper] - angles_b[upper]) + RADIAN_FLOOR)))
+    """Mean over pairs of ln |angle_A - angle_B|, (p,) each: lower is better, whatever the noise."""
+    return float(np.mean(np.log(np.abs(angles_a - angles_b) + RADIAN_FLOOR)))
 
 
-def congruent_orders(robot: Array, B: Array, used: Index, names: Sequence[str]) -> list[Order]:
-    """Orders in which robot (n, 4, 4) and camera (m, 4, 4, rows `used`) turn by more equal angles, best first."""
-    angles_a, angles_b = relative_angles(robot), relative_angles(B)
-    now = incongruence(angles_a[np.ix_(used, used)], angles_b)
+def congruent_orders(robot: Array, B: Array, used: Index, names: Sequence[str]) -> list[tuple[float, Order]]:
+    """Orders in which robot (n, 4, 4) and camera (m, 4, 4, rows `used`) turn by more equal angles, best first.
+
+    Each with its incongruence over the pairs that `pair_indices` chooses: all of them up to a hundred views.
+    """
+    i, j = pair_indices(len(used))
+    angles_b = _angles(B, i, j)
+    now = incongruence(_angles(robot, used[i], used[j]), angles_b)
     found = []
     for order in orders(names):
         rows = order.rows[used]
-        value = incongruence(angles_a[np.ix_(rows, rows)], angles_b)
+        value = incongruence(_angles(robot, rows[i], rows[j]), angles_b)
         if value < now - np.log(1.2):
             found.append((value, order))
     found.sort(key=lambda item: item[0])
-    return [order for _, order in found]
+    return found
+
+
+def _angles(T: Array, i: Index, j: Index) -> Array:
+    """Angles (p,) between the rotations of T (n, 4, 4) of rows i and j (p,), rad, as `relative_angles`."""
+    R = T[:, :3, :3].reshape(-1, 9)
+    squares = 6.0 - 2.0 * np.einsum("pk,pk->p", R[i], R[j])  # |R_i - R_j|^2 of rotations
+    return np.asarray(2 * np.arcsin(np.sqrt(np.clip(squares / 8, 0, 1))))
 
 
 def examine(case: Case) -> list[Finding]:
@@ -106,7 +116,7 @@ def examine(case: Case) -> list[Finding]:
         return []
     candidates = congruent_orders(case.data.T_base_gripper, case.B, case.index, case.data.ids)
     best: tuple[Order, Case] | None = None
-    for order in candidates[:CONFIRMED]:
+    for _, order in candidates[:CONFIRMED]:
         repaired = case.with_order(order.rows)
         if best is None or repaired.misfit < best[1].misfit:
             best = order, repaired

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.calibrate.hand_eye.loops import loop_consistency
-from calibrant.calibrate.hand_eye.robust import log_misfit, relative_angles, robust_fit
+from calibrant.calibrate.hand_eye.robust import log_misfit, robust_fit
 from calibrant.data import Check
 from calibrant.diagnose.conventions import ConventionDecision, decide
 from calibrant.diagnose.doctor.exchanged import look_inverted
 from calibrant.diagnose.doctor.finding import Evidence, Finding, Loop
-from calibrant.diagnose.doctor.pairing import Order, congruent_orders, incongruence
+from calibrant.diagnose.doctor.pairing import Order, congruent_orders
 from calibrant.diagnose.doctor.significance import confidence
 from calibrant.diagnose.hypotheses import CONSISTENT, Alternative, Setup
 from calibrant.errors import RefusedError
@@ -99,16 +99,12 @@ def _orders(complete: Sequence[PoseReading], B: Array, rows: Index) -> list[Orde
     """The most congruent other orders, over all notations."""
     found: list[tuple[float, Order]] = []
     seen = set()
-    angles_b = relative_angles(B)
     for reading in complete:
         key = (reading.rotation, reading.angle, reading.by_axis_names)
         if key in seen:
             continue
         seen.add(key)
-        for order in congruent_orders(reading.T_base_gripper, B, rows, reading.ids)[:ORDERS_TRIED]:
-            taken = order.rows[rows]
-            angles_a = relative_angles(reading.T_base_gripper[taken])
-            found.append((incongruence(angles_a, angles_b), order))
+        found += congruent_orders(reading.T_base_gripper, B, rows, reading.ids)[:ORDERS_TRIED]
     found.sort(key=lambda item: item[0])
     return [order for _, order in found[:ORDERS_TRIED]]
 

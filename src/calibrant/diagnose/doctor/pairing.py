@@ -6,7 +6,7 @@ pairs of views; the best is then confirmed by the loop.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.calibrate.hand_eye.relative import pair_indices
+from calibrant.calibrate.hand_eye.robust import relative_angles
 from calibrant.diagnose.doctor.case import Case
 from calibrant.diagnose.doctor.finding import Evidence, Finding
 from calibrant.diagnose.doctor.significance import CONVINCING, confidence, ratio_test
@@ -28,6 +29,8 @@ LEAST_RUN = 4
 """Shorter runs of shifted poses are exchanged poses, which is another finding."""
 FARTHEST_SHIFT = 3
 """Shifts of the whole list by more places: a list that was matched by hand, not by a lost picture."""
+MOST_IN_TABLE = 2000
+"""Views whose angles are tabulated, all with all: 32 MB."""
 CONFIRMED = 3
 """Orders whose loop is looked at."""
 RADIAN_FLOOR = 1e-4
@@ -91,23 +94,31 @@ def congruent_orders(robot: Array, B: Array, used: Index, names: Sequence[str]) 
     Each with its incongruence over the pairs that `pair_indices` chooses: all of them up to a hundred views.
     """
     i, j = pair_indices(len(used))
-    angles_b = _angles(B, i, j)
-    now = incongruence(_angles(robot, used[i], used[j]), angles_b)
+    of_robot, of_target = _angles(robot), _angles(B)
+    angles_b = of_target(i, j)
+    now = incongruence(of_robot(used[i], used[j]), angles_b)
     found = []
     for order in orders(names):
         rows = order.rows[used]
-        value = incongruence(_angles(robot, rows[i], rows[j]), angles_b)
+        value = incongruence(of_robot(rows[i], rows[j]), angles_b)
         if value < now - np.log(1.2):
             found.append((value, order))
     found.sort(key=lambda item: item[0])
     return found
 
 
-def _angles(T: Array, i: Index, j: Index) -> Array:
-    """Angles (p,) between the rotations of T (n, 4, 4) of rows i and j (p,), rad, as `relative_angles`."""
+def _angles(T: Array) -> Callable[[Index, Index], Array]:
+    """Angles (p,) between the rotations of T (n, 4, 4) of rows i and j (p,), rad: looked up where a table fits."""
+    if len(T) <= MOST_IN_TABLE:
+        table = relative_angles(T)
+        return lambda i, j: np.asarray(table[i, j])
     R = T[:, :3, :3].reshape(-1, 9)
-    squares = 6.0 - 2.0 * np.einsum("pk,pk->p", R[i], R[j])  # |R_i - R_j|^2 of rotations
-    return np.asarray(2 * np.arcsin(np.sqrt(np.clip(squares / 8, 0, 1))))
+
+    def each(i: Index, j: Index) -> Array:
+        squares = 6.0 - 2.0 * np.einsum("pk,pk->p", R[i], R[j])  # |R_i - R_j|^2 of rotations
+        return np.asarray(2 * np.arcsin(np.sqrt(np.clip(squares / 8, 0, 1))))
+
+    return each
 
 
 def examine(case: Case) -> list[Finding]:

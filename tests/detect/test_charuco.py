@@ -155,8 +155,19 @@ def test_a_misread_marker_moves_no_corner() -> None:
     ("asked", "reason"),
     [
         (replace(BOARD, dictionary="DICT_6X6_250"), "markers of DICT_5X5_50 seen, you asked for DICT_6X6_250"),
-        (Charuco(4, 5, 0.04, 0.028, "DICT_5X5_100"), r"ids up to 20 seen, a board of 4x5 squares has 0\.\.9"),
-        (Charuco(6, 8, 0.04, 0.028, "DICT_5X5_100"), "do not lie as on a board of 6x8 squares"),
+        (Charuco(4, 5, 0.04, 0.028, "DICT_5X5_100"), "looks like 7x6 squares, you asked for 4x5"),
+        (
+            Charuco(6, 7, 0.04, 0.028, "DICT_5X5_100"),
+            "looks like 7 columns of squares, 6 rows of them seen, you asked for 6x7",
+        ),
+        (
+            Charuco(9, 8, 0.04, 0.028, "DICT_5X5_100"),
+            "looks like 7 columns of squares, 6 rows of them seen, you asked for 9x8",
+        ),
+        (
+            Charuco(7, 6, 0.04, 0.016, "DICT_5X5_100"),
+            r"markers measure 2[789](\.\d)?mm on squares of 40mm, you asked for 16mm",
+        ),
     ],
 )
 def test_a_wrong_spec_is_named(asked: Charuco, reason: str) -> None:
@@ -166,6 +177,13 @@ def test_a_wrong_spec_is_named(asked: Charuco, reason: str) -> None:
     assert len(found.uv) == 0
     assert found.reason is not None
     assert re.search(reason, found.reason), found.reason
+
+
+def test_a_strip_of_a_board_tells_its_columns() -> None:
+    image, _ = whole()
+    image[130:] = 128  # two rows of markers are left
+    found = detect(image, Charuco(5, 8, 0.04, 0.028, "DICT_5X5_100"))
+    assert found.looks_like == "7 columns of squares, 2 rows of them seen"
 
 
 def test_pictures_without_a_board_give_none() -> None:

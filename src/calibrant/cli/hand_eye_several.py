@@ -262,9 +262,7 @@ def _only_reading(robot: str, data: hand_eye_data.PairedData, known: Sequence[_L
     return possible[0]
 
 
-def _read(
-    request: SeveralRequest, camera: str, robot: str, images: tuple[str, ...], known: Sequence[_List]
-) -> _List:
+def _read(request: SeveralRequest, camera: str, robot: str, images: tuple[str, ...], known: Sequence[_List]) -> _List:
     """One list of photos: paired, examined, its moments called as the poses are."""
     from calibrant.calibrate.hand_eye.several_setting import ONLY_ROBOT, STANDING, Pictures
     from calibrant.data import Check

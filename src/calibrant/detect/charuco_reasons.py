@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.detect.charuco_size import size_seen
 from calibrant.detect.codes import read_codes
 from calibrant.detect.detection import Detection, Grey
 from calibrant.detect.opencv import Markers
 from calibrant.targets.charuco import Charuco
 from calibrant.targets.dictionaries import DICTIONARIES
+from calibrant.targets.lengths import format_length
 
 Array = NDArray[np.float64]
 
@@ -34,6 +36,9 @@ def why_not_found(grey: Grey, target: Charuco, markers: Markers, quads: Array) -
 
     Args: markers, the most that were read of the target's dictionary; quads (n, 4, 2) px, where others may be read.
     """
+    seen = size_seen(markers, target)
+    if seen is not None:
+        return _another_size(seen, target)
     ids = np.unique(markers.ids)
     last = target.marker_count - 1
     size = f"{target.columns}x{target.rows}"
@@ -60,6 +65,21 @@ def why_not_found(grey: Grey, target: Charuco, markers: Markers, quads: Array) -
             looks_like=f"a ChArUco board with {other}",
         )
     return Detection.nothing(f"no markers of {target.dictionary} seen")
+
+
+def _another_size(seen: Charuco, target: Charuco) -> Detection:
+    """The size or the proportions that the picture shows, beside what was asked for."""
+    size, asked = (f"{board.columns}x{board.rows}" for board in (seen, target))
+    if size != asked:
+        # Rows below the picture's edge cannot be counted; the markers' numbers tell the columns from any part.
+        cut = seen.rows < target.rows
+        looks_like = f"{seen.columns} columns of squares, {seen.rows} rows of them seen" if cut else f"{size} squares"
+        return Detection.nothing(f"the image looks like {looks_like}, you asked for {asked}", looks_like=looks_like)
+    marker, square = format_length(round(seen.marker, 4)), format_length(target.square)
+    return Detection.nothing(
+        f"its markers measure {marker} on squares of {square}, you asked for {format_length(target.marker)}",
+        looks_like=f"{size} squares of {square} with markers of {marker}",
+    )
 
 
 def _other_dictionary(grey: Grey, target: Charuco, quads: Array) -> str | None:

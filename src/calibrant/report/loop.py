@@ -109,7 +109,12 @@ def _grippers(result: CalibrationResult, layout: Layout, robot: str | None) -> d
 
 
 def _loop_view(
-    name: str, T_base_gripper: Array, T_base_camera: Array, by_robot: Array, T_camera_target: Array | None, centre: Array
+    name: str,
+    T_base_gripper: Array,
+    T_base_camera: Array,
+    by_robot: Array,
+    T_camera_target: Array | None,
+    centre: Array,
 ) -> LoopView:
     if T_camera_target is None:
         return LoopView(name, T_base_gripper, T_base_camera, by_robot)

@@ -114,7 +114,9 @@ def _boards_by_robot(drawn: Sequence[LoopView]) -> tuple[list[dict[str, Any]], d
         place = tuple(T)
         if place not in at:
             at[place] = len(boards)
-            boards.append({"T": T, "view": v.key if v.target_carried else None, "label": v.id if v.target_carried else ""})
+            boards.append(
+                {"T": T, "view": v.key if v.target_carried else None, "label": v.id if v.target_carried else ""}
+            )
         of[v.key] = at[place]
     return boards, of
 

@@ -31,7 +31,9 @@ def stated_layout(result: CalibrationResult, *, used_only: bool = True) -> Layou
         if used_only:
             used = {v.id for v in result.views if v.used and v.camera == lists[i][0]}
             seen = replace(seen, views=tuple(v for v in seen.views if v.id in used))
-        pictures.append(Pictures(lists[i][0], str(p["setup"]), seen, lists[i][1], str(p["target"]), str(p.get("other", ""))))
+        pictures.append(
+            Pictures(lists[i][0], str(p["setup"]), seen, lists[i][1], str(p["target"]), str(p.get("other", "")))
+        )
     return Layout(robots, tuple(pictures))
 
 

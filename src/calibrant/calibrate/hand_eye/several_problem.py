@@ -58,12 +58,7 @@ class Several:
 
     def moments(self, robot: str) -> tuple[str, ...]:
         """Poses of a robot that any picture needs, in the robot's order."""
-        needed = {
-            name
-            for i, p in enumerate(self.layout.pictures)
-            if robot in p.movers
-            for name in self.used_ids(i)
-        }
+        needed = {name for i, p in enumerate(self.layout.pictures) if robot in p.movers for name in self.used_ids(i)}
         return tuple(name for name in self.layout.robots[robot].ids if name in needed)
 
     def kept(self, keep: Sequence[Mask]) -> Several:

@@ -117,6 +117,7 @@ def test_free_joints_from_joint_values(calibrant, pair: Pair, cell, tmp_path: Pa
         (("--images", "{left}", "--camera", "left=camera.json"), "the photos have no names"),
         (("--images", "left={left}", "--camera", "top=camera.json"), "there is no camera of that name"),
         (("--images", "left@a={left}"), "robot 'a', which has no poses"),
+        (("--images", "left@a:b={left}"), "robot 'a' has no poses"),
         (("--images", "left={left}", "--setup", "left=eye-in-foot"), "unknown setup"),
         (("--images", "left={left}", "--identify", "offsets"), "--identify needs the joints"),
         (

@@ -176,8 +176,10 @@ def calibrate(request: SeveralRequest) -> CalibrationResult:
     lists: list[_List] = []
     # Where both robots move the doctor has no say: how their poses are read may follow from their other lists.
     for (camera, robot), images in sorted(request.images.items(), key=lambda item: ":" in item[0][1]):
-        between = ":" in robot
-        lists.append((_read_between if between else _read)(request, camera, robot, images, lists))
+        if ":" in robot:
+            lists.append(_read_between(request, camera, robot, images, lists))
+        else:
+            lists.append(_read(request, camera, robot, images))
     robots = {name or ONLY_ROBOT: _poses_of(lists, name or ONLY_ROBOT) for name in request.poses}
     joints = {name: _joints(request, lists, name, robots[name]) for name in robots} if request.identify else None
     with session.status("Calibrating …", quiet=request.common.quiet):
@@ -262,7 +264,7 @@ def _only_reading(robot: str, data: hand_eye_data.PairedData, known: Sequence[_L
     return possible[0]
 
 
-def _read(request: SeveralRequest, camera: str, robot: str, images: tuple[str, ...], known: Sequence[_List]) -> _List:
+def _read(request: SeveralRequest, camera: str, robot: str, images: tuple[str, ...]) -> _List:
     """One list of photos: paired, examined, its moments called as the poses are."""
     from calibrant.calibrate.hand_eye.several_setting import ONLY_ROBOT, STANDING, Pictures
     from calibrant.data import Check

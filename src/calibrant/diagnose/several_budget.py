@@ -1,7 +1,7 @@
 """Where the uncertainty of several cameras and robots comes from: the budget of `error_budget`, over all of them.
 
-The unknowns x are all transforms of the cell, the nuisances c all lenses and target sizes. Each robot pose is
-eliminated with its own normal block, K = H_rr^-1 H_rs, and S = [I; -K]^T H_k [I; -K] is what noise source k puts into
+The unknowns x are all transforms of the cell, the nuisances c all lenses and target sizes. The robots' poses r are
+eliminated, K = H_rr^-1 H_rs, and S = [I; -K]^T H_k [I; -K] is what noise source k puts into
 the normal matrix over (x, c); the rest follows as there. A camera's budget is its part of the whole: its own transform,
 its target's and its lens, with what it owes to the other cameras already in their covariance.
 """
@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array, csc_array
+from scipy.sparse.linalg import splu
 
 from calibrant.calibrate.hand_eye.joint import CameraRole
 from calibrant.calibrate.hand_eye.setup import get_setup
@@ -40,6 +42,7 @@ from calibrant.diagnose.error_budget import (
     with_motion,
 )
 from calibrant.errors import InputError
+from calibrant.optimize.factors import Factor, FactorBlocks
 from calibrant.optimize.problem import Problem
 
 Array = NDArray[np.float64]
@@ -76,8 +79,9 @@ def several_budgets(result: CalibrationResult, *, target_sigma: float) -> dict[s
         )
     several = _several(result, layout)
     problem, levels = _problem(result, several)
-    columns = _shared_columns(problem)
-    totals = _information(problem, levels, columns)
+    shared, poses = _columns(problem)
+    totals = _information(problem, levels, shared, poses)
+    columns = {name: c.ravel() for name, c in shared.items()}
     # The result states the size that the motion tells where there is one target.
     stated = dict.fromkeys((p.target for p in layout.pictures), with_motion(result.target_scale, target_sigma))
     sources = _sources(result, layout, columns, totals, stated)
@@ -116,48 +120,60 @@ def _problem(result: CalibrationResult, several: Several) -> tuple[Problem, dict
     return several_problem(several, transforms, levels, free_scale=True), levels
 
 
-def _shared_columns(problem: Problem) -> Columns:
-    """Columns of all unknowns but the robots' poses."""
-    out, at = {}, 0
-    for v in problem.variables:
-        if v.name.startswith(poses_variable("")):
-            continue
+def _columns(problem: Problem) -> tuple[Columns, Columns]:
+    """Columns of all unknowns but the robots' poses, and behind them those of the poses: (count, size) by name."""
+    shared: Columns = {}
+    poses: Columns = {}
+    at = 0
+    arms = [v for v in problem.variables if v.name.startswith(poses_variable(""))]
+    for v in (*(v for v in problem.variables if v not in arms), *arms):
         size = len(v.manifold.natural_names)
-        out[v.name] = at + np.arange(size)
-        at += size
-    return out
+        (poses if v in arms else shared)[v.name] = at + np.arange(v.count * size).reshape(v.count, size)
+        at += v.count * size
+    return shared, poses
 
 
-def _information(problem: Problem, levels: Mapping[str, float], columns: Columns) -> dict[str, Array]:
-    """Normal matrices over the shared unknowns by source, robot poses eliminated one by one."""
-    size = 1 + max(int(c[-1]) for c in columns.values())
-    words = {robot_groups("")[0]: ROBOT_ROTATION, robot_groups("")[1]: ROBOT_TRANSLATION}
-    H: dict[str, Array] = {s: np.zeros((size, size)) for s in (PIXELS, ROBOT_ROTATION, ROBOT_TRANSLATION)}
-    arms = {v.name: v.count for v in problem.variables if v.name not in columns}
-    rr = {arm: {s: np.zeros((n, 6, 6)) for s in H} for arm, n in arms.items()}
-    rs = {arm: np.zeros((n, 6, size)) for arm, n in arms.items()}
+def _information(problem: Problem, levels: Mapping[str, float], shared: Columns, poses: Columns) -> dict[str, Array]:
+    """Normal matrices over the shared unknowns by source, robot poses eliminated."""
+    columns = shared | poses
+    size = 1 + max(int(c.max()) for c in columns.values())
+    first = min(int(c.min()) for c in poses.values())
+    H = {source: csc_array((size, size)) for source in (PIXELS, ROBOT_ROTATION, ROBOT_TRANSLATION)}
     for k, factor in enumerate(problem.factors):
-        source = next((name for group, name in words.items() if factor.noise.startswith(group)), PIXELS)
         blocks = factor.blocks(problem.gather(k, problem.start), sigma=problem.sigma(factor, levels))
-        for (a, b), block in blocks.hessian.items():
-            turned = [] if a == b else [(b, a, np.swapaxes(block, -1, -2))]
-            for i, j, part in [(a, b, block), *turned]:
-                first, second, index = factor.variables[i], factor.variables[j], factor.indices[i]
-                if first in columns and second in columns:
-                    H[source][np.ix_(columns[first], columns[second])] += part.sum(axis=0)
-                elif first in arms and second in arms:
-                    np.add.at(rr[first][source], index, part)
-                elif first in arms:
-                    wide = np.zeros((len(part), 6, size))
-                    wide[:, :, columns[second]] = part
-                    np.add.at(rs[first], index, wide)
-    for arm in arms:
-        K = np.linalg.solve(np.sum(list(rr[arm].values()), axis=0), rs[arm])
-        cross = np.einsum("nri,nrj->ij", K, rs[arm])
-        H[PIXELS] -= cross + cross.T
-        for source in H:
-            H[source] += np.einsum("nri,nrs,nsj->ij", K, rr[arm][source], K)
-    return H
+        source = _source_of(factor)
+        H[source] = H[source] + _sparse(factor, blocks, columns, size)
+    total = H[PIXELS] + H[ROBOT_ROTATION] + H[ROBOT_TRANSLATION]
+    K = splu(total[first:, first:]).solve(total[first:, :first].toarray())
+    lift = np.concatenate([np.eye(first), -K])
+    return {source: lift.T @ (part @ lift) for source, part in H.items()}
+
+
+def _source_of(factor: Factor) -> str:
+    rotation, translation = robot_groups("")
+    if factor.noise.startswith(rotation):
+        return ROBOT_ROTATION
+    return ROBOT_TRANSLATION if factor.noise.startswith(translation) else PIXELS
+
+
+def _sparse(factor: Factor, blocks: FactorBlocks, columns: Columns, size: int) -> csc_array:
+    """A factor's normal matrix over all unknowns."""
+    rows: list[NDArray[np.int64]] = []
+    cols: list[NDArray[np.int64]] = []
+    values: list[Array] = []
+    for (a, b), block in blocks.hessian.items():
+        i = columns[factor.variables[a]][factor.indices[a]][:, :, None]
+        j = columns[factor.variables[b]][factor.indices[b]][:, None, :]
+        i, j = np.broadcast_arrays(i, j)
+        rows.append(i.ravel())
+        cols.append(j.ravel())
+        values.append(block.ravel())
+        if a != b:
+            rows.append(j.ravel())
+            cols.append(i.ravel())
+            values.append(block.ravel())
+    entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(cols)))
+    return csc_array(coo_array(entries, shape=(size, size)))
 
 
 def _sources(

@@ -167,10 +167,10 @@ def _matched(where: Layout, seen: Mapping[str, _Seen]) -> tuple[HandEyeViews, ..
             # No robot stands between camera and target: any pose serves.
             ids = tuple(dict.fromkeys(v.moment for v in views))
             poses = RobotPoses.from_matrices(np.tile(np.eye(4), (len(ids), 1, 1)), ids=ids)
-        seen = replace(p.observations, views=views)
+        kept = replace(p.observations, views=views)
         if p.other:
-            match_views(where.robots[p.other], seen)
-        out.append(from_observations(poses, seen, camera))
+            match_views(where.robots[p.other], kept)
+        out.append(from_observations(poses, kept, camera))
     return tuple(out)
 
 

@@ -145,7 +145,7 @@ def _through_others(
 
 
 def _third(layout: Layout, p: Pictures, data: HandEyeViews, graph: FrameGraph) -> tuple[FrameGraph, bool]:
-    """With two of X, W, Z of A_i X B_i = W C_i Z known by other pictures, the third; and whether there was such a one."""
+    """With two of X, W, Z of A_i X B_i = W C_i Z known by other pictures, the third; and whether that was so."""
     A, C, B = _both_arms(layout, p, data)
     edges = _hand_to_hand_edges(layout, p)
     known = [graph.T(*e) if _connected(graph, *e) else None for e in edges]

@@ -1,15 +1,11 @@
 """Finding grids of circles: spots, lattice, placement; then ellipses fitted at full size and moved to the true centres.
 
-The centre of a circle's picture, an ellipse, is not the picture of its centre. With u = (J x + ...) / (1 + g . x) the
-homography around the centre (J px per step, g per step), the dual conic H diag(r^2, r^2, -1) H^T of a circle of radius
-r puts the ellipse's centre at -r^2 J g / (1 - r^2 |g|^2) from the centre's picture (J. Heikkila, Geometric Camera
-Calibration Using Circular Control Points, PAMI 2000). J and g come from the dots around each dot, r^2 from the
-ellipse's own area, so no camera and no diameter need to be known.
+Spots are looked for in a small picture first, then at full size where dots are missing. The dots of a lattice predict
+each other's centres, which leaves out what is none.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -17,10 +13,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from calibrant.detect.detection import Detection, Grey
+from calibrant.detect.dot_centres import true_centres
 from calibrant.detect.dot_lattice import Lattice, grow_lattices
 from calibrant.detect.dot_placement import Placement, least_dots, place
-from calibrant.detect.ellipse import Ellipses, refine_spots
-from calibrant.detect.local_homography import LocalMaps, fit_local_maps
+from calibrant.detect.ellipse import refine_spots
+from calibrant.detect.local_homography import fit_local_maps
 from calibrant.detect.opencv import shrink
 from calibrant.detect.spots import Spots, find_spots
 from calibrant.errors import InputError
@@ -29,8 +26,8 @@ from calibrant.targets.target import Target
 
 Array = NDArray[np.float64]
 
-FIRST_LONGEST_PX = 1000
-"""Longest side of the first scale: dots of a 20x20 grid that fills half of the picture still measure 12 px."""
+FIRST_LONGEST_PX = 640
+"""Longest side of the first scale: dots of a 20x20 grid that fills half of the picture still measure 8 px."""
 WINDOWS = (1 / 30, 1 / 10, 1 / 100, 1 / 4)
 BIG_DOT_WINDOWS = (1 / 15, 1 / 6, 1 / 40, 1 / 3)
 """Windows of the threshold over the picture's longest side: a window must hold a dot, and not reach over the paper's
@@ -60,39 +57,55 @@ class CirclesDetector:
         if not isinstance(target, Circles):
             raise InputError(f"the detector of circles was given a target of kind {target.kind!r}")
         seen: list[tuple[int, int]] = []
-        without_origin: Detection | None = None
         for negative in (target.inverted, not target.inverted):
             picture = np.asarray(255 - grey, np.uint8) if negative else grey
             # A wrong colour in the spec is looked for with the likeliest windows alone.
             windows: tuple[float, ...] = BIG_DOT_WINDOWS if target.bigdot else WINDOWS
             windows = windows if negative == target.inverted else windows[:2]
-            for spots in _searches(picture, windows):
-                for lattice in grow_lattices(spots, with_big=target.bigdot):
-                    placement = place(target, lattice, spots.uv[lattice.spots], (grey.shape[1], grey.shape[0]))
-                    if isinstance(placement, str):
-                        seen += _size(lattice, target)
-                        continue
-                    detection = _measured(picture, target, spots, lattice, placement)
-                    if not detection.found:
-                        continue
-                    detection = _with_notes(detection, target, negative=negative)
-                    if not target.bigdot or detection.point_ids[0] == target.point_ids[0]:
-                        return detection
-                    # A window too small for the big dot leaves it out; another may show it.
-                    without_origin = without_origin or detection
-            if without_origin is not None:
-                return without_origin
+            best: Detection | None = None
+            first = max(1, round(max(grey.shape) / FIRST_LONGEST_PX))
+            for factor in dict.fromkeys((first, 1)):
+                detection = _at_scale(picture, target, factor, windows, seen, darkness=255.0 if negative else 0.0)
+                if detection is not None and (best is None or len(detection.uv) > len(best.uv)):
+                    best = detection
+                # Dots that are too small for one scale may show at the next.
+                if best is not None and len(best.uv) == len(target.points):
+                    break
+            if best is not None:
+                return _with_notes(best, target, negative=negative)
         return _not_found(seen, target)
 
 
-def _searches(grey: Grey, windows: tuple[float, ...]) -> Iterator[Spots]:
-    """Spots at one scale after the other, and with windows of several sizes at each."""
-    first = max(1, round(max(grey.shape) / FIRST_LONGEST_PX))
-    for factor in dict.fromkeys((first, 1)):
-        level = np.ascontiguousarray(shrink(grey, factor))
-        for part in windows:
-            window = max(9, round(part * max(level.shape)))
-            yield find_spots(level, window_px=window).scaled(factor)
+def _at_scale(
+    picture: Grey,
+    target: Circles,
+    factor: int,
+    windows: tuple[float, ...],
+    seen: list[tuple[int, int]],
+    *,
+    darkness: float,
+) -> Detection | None:
+    """Dots found in the picture made smaller by `factor`, by windows of one size after the other.
+
+    Args: seen: gets columns and rows of other grids; darkness: grey value where no light falls.
+    """
+    level = np.ascontiguousarray(shrink(picture, factor))
+    without_origin: Detection | None = None
+    for part in windows:
+        spots = find_spots(level, window_px=max(9, round(part * max(level.shape)))).scaled(factor)
+        for lattice in grow_lattices(spots, with_big=target.bigdot):
+            placement = place(target, lattice, spots.uv[lattice.spots], (picture.shape[1], picture.shape[0]))
+            if isinstance(placement, str):
+                seen += _size(lattice, target)
+                continue
+            detection = _measured(picture, target, spots, lattice, placement, darkness=darkness)
+            if not detection.found:
+                continue
+            if not target.bigdot or detection.point_ids[0] == target.point_ids[0]:
+                return detection
+            # A window too small for the big dot leaves it out; another may show it.
+            without_origin = without_origin or detection
+    return without_origin
 
 
 def _size(lattice: Lattice, target: Circles) -> list[tuple[int, int]]:
@@ -103,27 +116,28 @@ def _size(lattice: Lattice, target: Circles) -> list[tuple[int, int]]:
     return [(columns, rows)] if len(lattice) >= 0.9 * columns * rows and min(columns, rows) > 2 else []
 
 
-def _measured(grey: Grey, target: Circles, spots: Spots, lattice: Lattice, placement: Placement) -> Detection:
+def _measured(
+    grey: Grey, target: Circles, spots: Spots, lattice: Lattice, placement: Placement, *, darkness: float
+) -> Detection:
     order = np.argsort(placement.index)
     order = order[placement.index[order] >= 0]
     index, chosen = placement.index[order], lattice.spots[order]
     rough = Spots(spots.uv[chosen], spots.shape[chosen], spots.area[chosen])
-    ellipses = refine_spots(grey, rough, room=_room(spots, chosen))
+    ellipses = refine_spots(grey, rough, room=_room(spots, chosen), darkness=darkness)
     good = (
         np.isfinite(ellipses.sigma_px)
         & (ellipses.contrast > LEAST_CONTRAST)
         & (ellipses.noise < MOST_MISFIT * ellipses.contrast)
     )
     steps = target.steps[index].astype(np.float64)
-    uv = ellipses.uv.copy()
     while good.sum() >= max(least_dots(target), LEAST_FIT * len(index)):
         maps = fit_local_maps(steps, steps[good], ellipses.uv[good], np.full(int(good.sum()), CENTRE_SIGMA_PX))
         # The maps predict where neighbours' ellipses put this one's centre; both are moved alike.
         error = np.linalg.norm(maps.centres - ellipses.uv, axis=1) / maps.square_px
         excess = np.where(maps.determined & good, error / np.maximum(AGREEMENT_STEPS, 1.0 / maps.square_px), 0.0)
         if excess.max() <= 1.0:
-            uv = ellipses.uv + _to_true_centres(ellipses, maps)
-            return Detection(target.point_ids[index[good]], uv[good], ellipses.sigma_px[good])
+            uv = true_centres(steps[good], ellipses.uv[good], ellipses.shape[good])
+            return Detection(target.point_ids[index[good]], uv, ellipses.sigma_px[good])
         good &= excess < max(1.0, 0.7 * excess.max())
     return Detection.nothing("a grid of spots was seen, but they are not round enough, or too blurred, to be dots")
 
@@ -137,16 +151,6 @@ def _room(spots: Spots, chosen: NDArray[np.int64]) -> Array:
     # Specks inside the dot itself are no neighbours.
     gap = np.where(away > 1.0, 1.0 + 0.5 * (away - 1.0 - other), np.inf)
     return np.maximum(gap.min(axis=1), 1.2)
-
-
-def _to_true_centres(ellipses: Ellipses, maps: LocalMaps) -> Array:
-    """Offsets (n, 2) px from the ellipses' centres to the pictures of the circles' centres."""
-    J, h = maps.px_per_square, maps.h
-    # Radius squared, steps: the ellipse's area over that of a unit circle's picture.
-    r2 = np.sqrt(np.linalg.det(ellipses.shape)) / np.abs(np.linalg.det(J))
-    g = h[:, 6:8]
-    shift = r2[:, None] * np.einsum("nij,nj->ni", J, g) / (1.0 - r2 * (g**2).sum(axis=1))[:, None]
-    return np.where(maps.determined[:, None], shift, 0.0)
 
 
 def _with_notes(detection: Detection, target: Circles, *, negative: bool) -> Detection:

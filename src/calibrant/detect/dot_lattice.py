@@ -8,11 +8,11 @@ neighbour's steps and looked up, so perspective and lenses are followed.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -36,6 +36,8 @@ LEAST_GAP, MOST_GAP = 2.1, 12.0
 """Distance of neighbours over a dot's radius: 2 would touch; dots thinner than a sixth of the spacing are specks."""
 MISS = 0.3
 """A dot may lie this far from its prediction, in steps: halfway to nothing else."""
+MOST_CELLS = 100
+"""From the first spot to each side; printed grids have some tens of dots a side."""
 MOST_LATTICES = 12
 LEAST_DOTS = 6
 
@@ -63,7 +65,6 @@ def grow_lattices(spots: Spots, *, with_big: bool) -> Iterator[Lattice]:
     if len(spots) < LEAST_DOTS:
         return
     order, steps = _seeds(spots)
-    tree = cKDTree(spots.uv)
     used = np.zeros(len(spots), dtype=bool)
     tried = 0
     for seed in order:
@@ -72,7 +73,7 @@ def grow_lattices(spots: Spots, *, with_big: bool) -> Iterator[Lattice]:
         tried += 1
         if tried > MOST_LATTICES:
             return
-        lattice = _grow(spots, tree, int(seed), steps[seed], BIG_SIZE if with_big else SAME_SIZE)
+        lattice = _grow(spots, int(seed), steps[seed], BIG_SIZE if with_big else SAME_SIZE)
         used[lattice.spots] = True
         if len(lattice) >= LEAST_DOTS:
             yield lattice
@@ -107,31 +108,53 @@ def _seeds(spots: Spots) -> tuple[Ints, Array]:
     return order[np.isfinite(regular[order])], np.stack([e1, e2], axis=1)
 
 
-def _grow(spots: Spots, tree: cKDTree, seed: int, steps: Array, largest: float) -> Lattice:
-    cells: dict[tuple[int, int], int] = {(0, 0): seed}
-    place = {seed: (0, 0)}
-    basis = {seed: steps.copy()}
-    size = {seed: float(spots.area[seed])}
-    queue = deque([seed])
-    while queue:
-        spot = queue.popleft()
-        a, b = place[spot]
-        for axis, sign in ((0, 1), (1, 1), (0, -1), (1, -1)):
-            cell = (a + sign, b) if axis == 0 else (a, b + sign)
-            if cell in cells:
+def _grow(spots: Spots, seed: int, steps: Array, largest: float) -> Lattice:
+    uv, area = np.ascontiguousarray(spots.uv), np.ascontiguousarray(spots.area)
+    cells, index, big = _reach(uv, area, seed, np.ascontiguousarray(steps), largest)
+    return Lattice(cells, index, big)
+
+
+@njit(
+    "Tuple((int64[:, ::1], int64[::1], boolean[::1]))(float64[:, ::1], float64[::1], int64, float64[:, ::1], float64)",
+    cache=True,
+    nogil=True,
+    error_model="numpy",
+)
+def _reach(uv, area, seed, steps, largest):  # type: ignore[no-untyped-def]
+    """Cells (m, 2), spots (m,) and which are big (m,), breadth first from a seed with its two steps (2, 2)."""
+    n = len(uv)
+    taken = np.zeros((2 * MOST_CELLS + 1, 2 * MOST_CELLS + 1), np.bool_)
+    placed, big = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+    basis, size = np.empty((n, 2, 2)), np.empty(n)
+    queue, cells = np.empty(n, np.int64), np.zeros((n, 2), np.int64)
+    queue[0], basis[seed], size[seed] = seed, steps, area[seed]
+    placed[seed], taken[MOST_CELLS, MOST_CELLS] = True, True
+    first, count = 0, 1
+    while first < count:
+        spot = queue[first]
+        for way in range(4):
+            axis, sign = way % 2, 1 - 2 * (way // 2)
+            a = cells[first, 0] + (sign if axis == 0 else 0)
+            b = cells[first, 1] + (sign if axis == 1 else 0)
+            if abs(a) > MOST_CELLS or abs(b) > MOST_CELLS or taken[a + MOST_CELLS, b + MOST_CELLS]:
                 continue
-            step = sign * basis[spot][axis]
-            nearest = tree.query(spots.uv[spot] + step)
-            away, other = float(nearest[0]), int(nearest[1])
-            ratio = float(spots.area[other]) / size[spot]
-            if other in place or away > MISS * np.linalg.norm(step) or not 1 / SAME_SIZE < ratio < largest:
+            x, y = uv[spot, 0] + sign * basis[spot, axis, 0], uv[spot, 1] + sign * basis[spot, axis, 1]
+            other, away = 0, np.inf
+            for k in range(n):
+                apart = (uv[k, 0] - x) ** 2 + (uv[k, 1] - y) ** 2
+                if apart < away:
+                    other, away = k, apart
+            step2 = basis[spot, axis, 0] ** 2 + basis[spot, axis, 1] ** 2
+            ratio = area[other] / size[spot]
+            if placed[other] or away > MISS**2 * step2 or not 1 / SAME_SIZE < ratio < largest:
                 continue
-            cells[cell], place[other] = other, cell
+            taken[a + MOST_CELLS, b + MOST_CELLS], placed[other] = True, True
             # The step just made is the better guess for the next along it; the other step is carried over.
-            basis[other] = basis[spot].copy()
-            basis[other][axis] = sign * (spots.uv[other] - spots.uv[spot])
-            size[other] = size[spot] if ratio >= SAME_SIZE else float(spots.area[other])
-            queue.append(other)
-    index = np.array(list(cells.values()), dtype=np.int64)
-    reference = np.array([size[i] for i in index.tolist()])
-    return Lattice(np.array(list(cells), dtype=np.int64), index, spots.area[index] >= SAME_SIZE * reference)
+            basis[other] = basis[spot]
+            basis[other, axis] = sign * (uv[other] - uv[spot])
+            big[count] = ratio >= SAME_SIZE
+            size[other] = size[spot] if ratio >= SAME_SIZE else area[other]
+            queue[count], cells[count, 0], cells[count, 1] = other, a, b
+            count += 1
+        first += 1
+    return cells[:count].copy(), queue[:count].copy(), big[:count].copy()

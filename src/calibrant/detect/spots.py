@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -60,20 +61,34 @@ def find_spots(level: Grey, *, window_px: int) -> Spots:
     keep[0] = False
     if not keep.any():
         return Spots(np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0))
-    return _round_ones(np.asarray(labels, np.int32), keep, area)
+    chosen = np.flatnonzero(keep)
+    return _round_ones(_moments(np.asarray(labels, np.int32), chosen, np.asarray(stats[chosen], np.int32)))
 
 
-def _round_ones(labels: NDArray[np.int32], keep: NDArray[np.bool_], area: NDArray[np.int32]) -> Spots:
-    number = np.full(len(keep), -1, np.int64)
-    number[keep] = np.arange(keep.sum())
-    at = np.flatnonzero(keep[labels])
-    which = number[labels.ravel()[at]]
-    y, x = np.divmod(at, labels.shape[1])
-    n = int(keep.sum())
-    count = area[keep].astype(np.float64)
-    mean = np.stack([np.bincount(which, x, n), np.bincount(which, y, n)], axis=1) / count[:, None]
-    dx, dy = x - mean[which, 0], y - mean[which, 1]
-    xx, xy, yy = (np.bincount(which, w, n) / count for w in (dx * dx, dx * dy, dy * dy))
+@njit("float64[:, ::1](int32[:, ::1], int64[::1], int32[:, ::1])", cache=True, nogil=True, error_model="numpy")
+def _moments(labels, chosen, stats):  # type: ignore[no-untyped-def]
+    """Rows (n, 6) of labels chosen (n,): pixels, means of x, y, and central second moments xx, xy, yy."""
+    out = np.zeros((len(chosen), 6))
+    for k in range(len(chosen)):
+        left, top, width, height = stats[k, 0], stats[k, 1], stats[k, 2], stats[k, 3]
+        n, x, y, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for j in range(height):
+            for i in range(width):
+                if labels[top + j, left + i] == chosen[k]:
+                    n += 1.0
+                    x += i
+                    y += j
+                    xx += i * i
+                    xy += i * j
+                    yy += j * j
+        x, y = x / n, y / n
+        out[k, 0], out[k, 1], out[k, 2] = n, left + x, top + y
+        out[k, 3], out[k, 4], out[k, 5] = xx / n - x * x, xy / n - x * y, yy / n - y * y
+    return out
+
+
+def _round_ones(moments: Array) -> Spots:
+    count, xx, xy, yy = moments[:, [0, 3, 4, 5]].T
     # A pixel is a square: its own second moment is 1/12.
     covariance = np.stack([np.stack([xx + 1 / 12, xy], -1), np.stack([xy, yy + 1 / 12], -1)], -2)
     roundness = 4 * np.pi * np.sqrt(np.maximum(np.linalg.det(covariance), 0.0)) / count
@@ -81,4 +96,4 @@ def _round_ones(labels: NDArray[np.int32], keep: NDArray[np.bool_], area: NDArra
     good = (roundness > ROUNDNESS[0]) & (roundness < ROUNDNESS[1]) & (large < FLATTEST**2 * small)
     if good.sum() > MOST_SPOTS:
         good &= count >= np.sort(count[good])[-MOST_SPOTS]
-    return Spots(mean[good], 4.0 * covariance[good], count[good])
+    return Spots(moments[good, 1:3], 4.0 * covariance[good], count[good])

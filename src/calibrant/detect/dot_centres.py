@@ -67,7 +67,7 @@ def fit_board_map(H: Array, steps: Array, uv: Array, weight: Array, degrees: ran
     half = 0.5 * float(np.ptp(uv, axis=0).max())
     scaled = _scaled(H, steps, middle, half)
     b = (uv - middle) / half
-    candidates = []
+    candidates: list[BoardMap] = []
     for degree in degrees:
         powers = np.array([(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)])
         if candidates and DOTS_A_TERM * len(powers) > len(uv):

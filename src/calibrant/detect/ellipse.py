@@ -31,6 +31,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from calibrant.detect.blurred_step import step_and_bell
+from calibrant.detect.normal_equations import factor, products, solve
 from calibrant.detect.spots import Spots
 
 Array = NDArray[np.float64]
@@ -95,42 +96,47 @@ def _roots(shape: Array) -> Array:
 
 
 @njit(
-    "float64(uint8[:, ::1], float64, float64[::1], int64[:, ::1], float64[:, ::1], float64[::1])",
+    "float64(float64[:, ::1], float64[::1], float64[:, ::1], float64[::1])",
     cache=True,
     nogil=True,
     error_model="numpy",
     fastmath={"contract", "reassoc", "arcp", "nsz"},
 )
-def _linearise(grey, darkness, p, pixels, J, r):  # type: ignore[no-untyped-def]
-    """Fills J (10, n) and r (n,) at pixels (n, 2); returns the sum of squared residuals."""
+def _linearise(window, p, J, r):  # type: ignore[no-untyped-def]
+    """Fills J (10, n) and r (n,) from the window's x, y and grey, (3, n); returns the sum of squared residuals.
+
+    In three loops, so that the first and the last are computed for several pixels at once.
+    """
     a, b, c2, m, c, gx, gy = p[2], p[3], p[4], p[6], p[7], p[8], p[9]
     blur = math.exp(p[5])
     scale, slope = math.sqrt(0.5) / blur, math.sqrt(2.0 / math.pi) / blur
-    total = 0.0
-    for k in range(len(pixels)):
-        u, v = pixels[k, 0], pixels[k, 1]
-        dx, dy = u - p[0], v - p[1]
+    n = window.shape[1]
+    for k in range(n):
+        dx, dy = window[0, k] - p[0], window[1, k] - p[1]
         y1, y2 = a * dx, b * dx + c2 * dy
-        rho = max(math.sqrt(y1 * y1 + y2 * y2), 1e-6)
-        nx, ny = (a * y1 + b * y2) / rho, c2 * y2 / rho
-        per_steep = 1.0 / max(math.sqrt(nx * nx + ny * ny), 1e-9)
-        nx, ny = nx * per_steep, ny * per_steep
-        d = (rho - 1.0) * per_steep
-        e, bell = step_and_bell(d * scale)
-        bell *= slope
+        rho = math.sqrt(y1 * y1 + y2 * y2 + 1e-12)
+        qx, qy = a * y1 + b * y2, c2 * y2
+        per_length = 1.0 / math.sqrt(qx * qx + qy * qy + 1e-18)
+        J[0, k], J[1, k] = qx * per_length, qy * per_length
+        J[2, k], J[3, k], J[4, k] = y1 * dx * per_length, y2 * dx * per_length, y2 * dy * per_length
+        J[5, k] = (rho - 1.0) * rho * per_length
+    for k in range(n):
+        J[7, k], J[6, k] = step_and_bell(J[5, k] * scale)
+    total = 0.0
+    for k in range(n):
+        dx, dy = window[0, k] - p[0], window[1, k] - p[1]
+        nx, ny, d, e, bell = J[0, k], J[1, k], J[5, k], J[7, k], slope * J[6, k]
         light, inked = 1.0 + gx * dx + gy * dy, m + c * e
         shifted = blur * blur * bell
-        residual = grey[v, u] - (darkness + light * inked + c * (gx * nx + gy * ny) * shifted)
-        r[k] = residual
-        total += residual * residual
-        w = light * c * bell
-        of_rho = w * per_steep / rho
+        r[k] = window[2, k] - (light * inked + c * (gx * nx + gy * ny) * shifted)
+        total += r[k] * r[k]
         # The slopes of the last term by the outline's parameters are left out: a thousandth of the others.
+        w = light * c * bell
         J[0, k] = -w * nx - gx * inked
         J[1, k] = -w * ny - gy * inked
-        J[2, k] = of_rho * y1 * dx
-        J[3, k] = of_rho * y2 * dx
-        J[4, k] = of_rho * y2 * dy
+        J[2, k] *= w
+        J[3, k] *= w
+        J[4, k] *= w
         J[5, k] = -w * d
         J[6, k] = light
         J[7, k] = light * e + (gx * nx + gy * ny) * shifted
@@ -140,13 +146,14 @@ def _linearise(grey, darkness, p, pixels, J, r):  # type: ignore[no-untyped-def]
 
 
 @njit(
-    "int64(int64, int64, float64[::1], float64, float64, int64[:, ::1])",
+    "float64[:, ::1](uint8[:, ::1], float64, float64[::1], float64, float64)",
     cache=True,
     nogil=True,
     error_model="numpy",
 )
-def _band(h, w, p, band, room, pixels):  # type: ignore[no-untyped-def]
-    """Fills the pixels (count, 2) within `band` px of the outline and within `room` half axes; returns their count."""
+def _band(grey, darkness, p, band, room):  # type: ignore[no-untyped-def]
+    """x, y and grey above darkness, (3, n), of pixels within `band` px of the outline and within `room` half axes."""
+    h, w = grey.shape
     a, b, c2 = p[2], p[3], p[4]
     # Half extents of the ellipse along x and y: roots of the diagonal of (A^T A)^-1.
     det = abs(a * c2)
@@ -155,6 +162,7 @@ def _band(h, w, p, band, room, pixels):  # type: ignore[no-untyped-def]
     # No slope of rho is steeper than the root of the sum of A's squares: most pixels are told by rho^2 alone.
     steepest = math.sqrt(a * a + b * b + c2 * c2)
     least, most = max(1.0 - band * steepest, 0.0) ** 2, min(1.0 + band * steepest, room) ** 2
+    window = np.empty((3, int(2.0 * reach_x + 4.0) * int(2.0 * reach_y + 4.0)))
     count = 0
     for v in range(max(int(p[1] - reach_y), 0), min(int(p[1] + reach_y) + 2, h)):
         for u in range(max(int(p[0] - reach_x), 0), min(int(p[0] + reach_x) + 2, w)):
@@ -166,64 +174,40 @@ def _band(h, w, p, band, room, pixels):  # type: ignore[no-untyped-def]
             rho = math.sqrt(rho2)
             nx, ny = a * y1 + b * y2, c2 * y2
             steep = math.sqrt(nx * nx + ny * ny) / max(rho, 1e-9)
-            if abs(rho - 1.0) <= band * max(steep, 1e-9) and count < len(pixels):
-                pixels[count, 0] = u
-                pixels[count, 1] = v
+            if abs(rho - 1.0) <= band * max(steep, 1e-9):
+                window[0, count] = u
+                window[1, count] = v
+                window[2, count] = grey[v, u] - darkness
                 count += 1
-    return count
+    return window[:, :count].copy()
 
 
 @njit(
-    "void(float64[:, ::1], float64[::1], float64[:, ::1], float64[::1])",
-    cache=True,
-    nogil=True,
-    fastmath={"contract", "reassoc"},
-)
-def _products(J, r, JtJ, Jtr):  # type: ignore[no-untyped-def]
-    """Fills J J^T (10, 10) and J r (10,): along the pixels, where loops run over neighbours in memory."""
-    n = len(r)
-    for i in range(PARAMETERS):
-        total = 0.0
-        for k in range(n):
-            total += J[i, k] * r[k]
-        Jtr[i] = total
-        for j in range(i + 1):
-            total = 0.0
-            for k in range(n):
-                total += J[i, k] * J[j, k]
-            JtJ[i, j] = total
-            JtJ[j, i] = total
-
-
-@njit(
-    "float64(uint8[:, ::1], float64, int64[:, ::1], float64[::1], float64[:, ::1], float64)",
+    "float64(float64[:, ::1], float64[::1], float64[:, ::1], float64)",
     cache=True,
     nogil=True,
     error_model="numpy",
 )
-def _descend(grey, darkness, pixels, p, JtJ, enough):  # type: ignore[no-untyped-def]
+def _descend(window, p, JtJ, enough):  # type: ignore[no-untyped-def]
     """Levenberg-Marquardt on p, in place, until steps fall below `enough` px; fills J^T J there; returns the cost."""
-    n = len(pixels)
+    n = window.shape[1]
     J, trial_J, r, trial_r = np.empty((PARAMETERS, n)), np.empty((PARAMETERS, n)), np.empty(n), np.empty(n)
-    cost = _linearise(grey, darkness, p, pixels, J, r)
+    cost = _linearise(window, p, J, r)
     damping = 1e-3
-    Jtr, damped = np.empty(PARAMETERS), np.empty((PARAMETERS, PARAMETERS))
-    _products(J, r, JtJ, Jtr)
+    Jtr, delta, L = np.empty(PARAMETERS), np.empty(PARAMETERS), np.empty((PARAMETERS, PARAMETERS))
+    products(J, r, JtJ, Jtr)
     for _ in range(MOST_STEPS):
-        damped[:] = JtJ
-        for i in range(PARAMETERS):
-            # The small term keeps a spot without contrast from a singular matrix; it fails its tests later.
-            damped[i, i] += damping * JtJ[i, i] + 1e-9
-        delta = np.linalg.solve(damped, Jtr)
+        factor(JtJ, damping, L)
+        solve(L, Jtr, delta)
         trial = p + delta
         trial[5] = min(max(trial[5], LEAST_LOG_BLUR), MOST_LOG_BLUR)
-        trial_cost = _linearise(grey, darkness, trial, pixels, trial_J, trial_r)
+        trial_cost = _linearise(window, trial, trial_J, trial_r)
         moved = abs(delta[0]) + abs(delta[1])
         if trial_cost < cost:
             p[:] = trial
             cost = trial_cost
             J, trial_J, r, trial_r = trial_J, J, trial_r, r
-            _products(J, r, JtJ, Jtr)
+            products(J, r, JtJ, Jtr)
             damping *= 0.1
             if moved < enough:
                 break
@@ -235,22 +219,21 @@ def _descend(grey, darkness, pixels, p, JtJ, enough):  # type: ignore[no-untyped
 
 
 @njit(
-    "void(uint8[:, ::1], float64, float64[::1], int64[:, ::1], float64[:, ::1], float64, float64[::1])",
+    "void(float64[:, ::1], float64[::1], float64[:, ::1], float64, float64[::1])",
     cache=True,
     nogil=True,
     error_model="numpy",
 )
-def _sum_arcs(grey, darkness, p, pixels, cofactors, variance, arcs):  # type: ignore[no-untyped-def]
+def _sum_arcs(window, p, cofactors, variance, arcs):  # type: ignore[no-untyped-def]
     """Fills arcs (3,): sum over pairs of arcs of (sum of g r)^2, in variances of (x, y); what noise gives; count."""
-    n = len(pixels)
+    n = window.shape[1]
     J, r = np.empty((PARAMETERS, n)), np.empty(n)
-    _linearise(grey, darkness, p, pixels, J, r)
+    _linearise(window, p, J, r)
     girth = math.pi * (1.0 / abs(p[2]) + 1.0 / abs(p[4]))
     count = max(int(0.5 * girth / ARC_PX), 4)
-    shift = np.zeros((count, 2))
-    normal = np.zeros((count, PARAMETERS, PARAMETERS))
+    shift, energy, taken = np.zeros((count, 2)), np.zeros((count, 2)), np.zeros((count, 2, PARAMETERS))
     for k in range(n):
-        dx, dy = pixels[k, 0] - p[0], pixels[k, 1] - p[1]
+        dx, dy = window[0, k] - p[0], window[1, k] - p[1]
         half_turns = 1.0 + math.atan2(p[3] * dx + p[4] * dy, p[2] * dx) / math.pi
         arc = int(half_turns * count) % count
         for axis in range(2):
@@ -258,30 +241,18 @@ def _sum_arcs(grey, darkness, p, pixels, cofactors, variance, arcs):  # type: ig
             for i in range(PARAMETERS):
                 share += cofactors[axis, i] * J[i, k]
             shift[arc, axis] += share * r[k]
-        for i in range(PARAMETERS):
-            for j in range(i + 1):
-                normal[arc, i, j] += J[i, k] * J[j, k]
-    scale = variance * (cofactors[0, 0] + cofactors[1, 1])
-    arcs[:] = 0.0
+            energy[arc, axis] += share * share
+            for i in range(PARAMETERS):
+                taken[arc, axis, i] += share * J[i, k]
+    scale = cofactors[0, 0] + cofactors[1, 1]
+    arcs[0], arcs[1] = (shift**2).sum() / (variance * scale), energy.sum() / scale
+    # Residuals are noise less what the fit took of it: g^T (I - J C J^T) g within the arc.
     for arc in range(count):
-        for i in range(PARAMETERS):
-            normal[arc, i, i + 1 :] = normal[arc, i + 1 :, i]
-        arcs[0] += (shift[arc, 0] ** 2 + shift[arc, 1] ** 2) / scale
-        # Residuals are noise less what the fit took of it: g^T (I - J C J^T) g within the arc.
         for axis in range(2):
-            spread = np.dot(normal[arc], cofactors[axis])
-            arcs[1] += variance * (np.dot(cofactors[axis], spread) - np.dot(spread, np.dot(cofactors, spread))) / scale
+            for i in range(PARAMETERS):
+                for j in range(PARAMETERS):
+                    arcs[1] -= taken[arc, axis, i] * cofactors[i, j] * taken[arc, axis, j] / scale
     arcs[2] = count
-
-
-@njit("void(uint8[:, ::1], int64[:, ::1], float64[::1])", cache=True, nogil=True)
-def _start_greys(grey, pixels, p):  # type: ignore[no-untyped-def]
-    """Fills m and c from the pixels' darkest and lightest."""
-    low, high = 255.0, 0.0
-    for k in range(len(pixels)):
-        value = float(grey[pixels[k, 1], pixels[k, 0]])
-        low, high = min(low, value), max(high, value)
-    p[6], p[7] = 0.5 * (low + high), 0.5 * (high - low)
 
 
 @njit(
@@ -293,7 +264,6 @@ def _start_greys(grey, pixels, p):  # type: ignore[no-untyped-def]
 def _fit(grey, uv, roots, room, blur, darkness):  # type: ignore[no-untyped-def]
     """Parameters (n, 10); (n, 2): standard deviation per axis in px (infinite where it failed) and of grey, taking
     residuals for noise; (n, 3) sums over arcs."""
-    h, w = grey.shape
     n = len(uv)
     fitted = np.zeros((n, PARAMETERS))
     sigma = np.full((n, 2), np.inf)
@@ -305,23 +275,23 @@ def _fit(grey, uv, roots, room, blur, darkness):  # type: ignore[no-untyped-def]
         p[2:5] = roots[i]
         p[5] = math.log(blur)
         radius = 1.0 / min(abs(p[2]), abs(p[4]))
-        side = 2 * int(radius + abs(p[3] / (p[2] * p[4])) + max(FIRST_BAND_PX, BLURS * blur)) + 6
-        pixels = np.empty((side * side, 2), np.int64)
-        count = _band(h, w, p, max(FIRST_BAND_PX, BLURS * blur), room[i], pixels)
+        window = _band(grey, darkness, p, max(FIRST_BAND_PX, BLURS * blur), room[i])
+        count = window.shape[1]
         # Fewer pixels than this do not carry the parameters with any certainty left.
         if count < 3 * PARAMETERS:
             continue
-        _start_greys(grey, pixels[:count], p)
-        p[6] -= darkness
+        low, high = window[2].min(), window[2].max()
+        p[6], p[7] = 0.5 * (low + high), 0.5 * (high - low)
         thinned = THINNED if count > 8 * THINNED * PARAMETERS else 1
-        _descend(grey, darkness, np.ascontiguousarray(pixels[:count:thinned]), p, JtJ, ROUGH_STEP_PX)
+        _descend(np.ascontiguousarray(window[:, ::thinned]), p, JtJ, ROUGH_STEP_PX)
         moved = math.hypot(p[0] - uv[i, 0], p[1] - uv[i, 1])
         if not (moved < 0.5 * radius + 1.0 and p[7] > 0.0 and p[2] * p[4] > 0.0):
             continue
-        count = _band(h, w, p, max(LEAST_BAND_PX, BLURS * math.exp(p[5])), room[i], pixels)
+        window = _band(grey, darkness, p, max(LEAST_BAND_PX, BLURS * math.exp(p[5])), room[i])
+        count = window.shape[1]
         if count < 3 * PARAMETERS:
             continue
-        cost = _descend(grey, darkness, pixels[:count], p, JtJ, SMALL_STEP_PX)
+        cost = _descend(window, p, JtJ, SMALL_STEP_PX)
         variance = cost / (count - PARAMETERS)
         for k in range(PARAMETERS):
             JtJ[k, k] *= 1.0 + 1e-12
@@ -332,5 +302,5 @@ def _fit(grey, uv, roots, room, blur, darkness):  # type: ignore[no-untyped-def]
         sigma[i, 1] = math.sqrt(variance)
         if spread > 0.0 and moved < 0.5 * radius + 1.0 and p[7] > 0.0 and p[2] * p[4] > 0.0:
             sigma[i, 0] = math.sqrt(spread)
-            _sum_arcs(grey, darkness, p, pixels[:count], cofactors, variance, arcs[i])
+            _sum_arcs(window, p, cofactors, variance, arcs[i])
     return fitted, sigma, arcs

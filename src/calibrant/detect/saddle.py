@@ -1,14 +1,24 @@
 """Sub-pixel corners: where two straight edges cross, with the standard deviation of each.
 
-Around a corner p the brightness is modelled by two blurred steps and a slope of light,
+Around a corner p the scene is m + c sgn(d_a) sgn(d_b) under a slope of light g . (q - p), with d_a, d_b the signed
+distances of q from two lines through p. Blurred by a Gaussian of sigma s, with t = d / s and E(t) = erf(t / sqrt 2),
 
-    I(q) = m + g . (q - p) + c E(d_a(q) / s) E(d_b(q) / s),     E(t) = erf(t / sqrt 2),
+    I(q) = m + g . (q - p) + c (E(t_a) E(t_b) + E'(t_a) E'(t_b) (r + r^2 t_a t_b / 2 + r^3 (t_a^2 - 1) (t_b^2 - 1) / 6))
 
-with d_a, d_b the signed distances of q from two lines through p, s the blur and c the half-contrast. The nine
-parameters (x, y, two angles, log s, m, c, g) are fitted by Levenberg-Marquardt over the pixels whose grid coordinates
-lie within WINDOW of the distance to the next corners. The corner's terms are even about p, as is any corner blurred
-evenly, so that a wrong shape of blur does not pull it aside. The covariance of (x, y) is that of least squares,
-sigma^2 (J^T J)^-1 with sigma^2 from the corner's own residuals: noise, blur and contrast all show in it.
+where r is the cosine of the edges' angle: Mehler's series of the bivariate normal distribution, which to this term is
+good to 1 % of c up to r = 0.6.
+
+Pictures whose pixels were mixed from others (demosaicing, resizing, blur put on afterwards) hold an edge at a fraction
+f of a pixel as the mean of two edges a pixel apart, with weights f and 1 - f: its profile has the third moment
+f (1 - f) (1 - 2 f). Along a slanted edge that averages out; on one along the raster it would pull the line aside. Each
+edge therefore has a third moment k of its own, E + k / (6 s^3) (1 - t^2) E', unknown but for its variance over f, and
+less the more pixels the edge crosses.
+
+The eleven parameters (x, y, two angles, log s, m, c, g, k_a, k_b) are fitted by Levenberg-Marquardt over the pixels
+whose grid coordinates lie within WINDOW of the distance to the next corners; the k only where an edge runs along the
+raster. But for these and g, the terms are even about p, as is any corner blurred evenly, so that a wrong shape of blur
+does not pull it aside. The covariance of (x, y) is that of least squares, sigma^2 (J^T J)^-1 with sigma^2 from the
+corner's own residuals: noise, blur and contrast all show in it.
 """
 
 from __future__ import annotations
@@ -20,16 +30,28 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from calibrant.detect.blurred_step import step_and_bell
+from calibrant.detect.normal_equations import factor, products, solve
+
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
 WINDOW = 0.4
 """Half width of the window over the distance to the next corner, along each of the grid's directions: the rest keeps
 the next edges' blur out."""
-PARAMETERS = 9
+PARAMETERS, THIRD_MOMENTS = 11, 2
+LEAST_PIXELS = 27
+"""Three times the parameters but the third moments: fewer do not carry these with any certainty left."""
+RASTER_PX3 = math.sqrt(1.0 / 210.0)
+"""Third moment of an edge mixed from two pixels, rms over all places between them: that of f (1 - f) (1 - 2 f)."""
+LEAST_RASTER = 0.1
+"""Of RASTER_PX3: what is left of it on an edge that crosses a pixel and a half; below, the k are not looked for."""
+FLAT_PX3 = 1e-6
+"""Standard deviation of a k that is not looked for: none."""
 MOST_STEPS = 20
 SMALL_STEP_PX = 1e-3
 """A tenth of the best standard deviation there is."""
+SQRT_HALF = math.sqrt(0.5)
 LEAST_LOG_BLUR = math.log(0.25)
 """A pixel's own width blurs by 0.29 px; without a floor, an edge between pixel columns could sharpen for ever."""
 
@@ -38,13 +60,6 @@ LEAST_VARIANCE = 1 / 12
 LOG_BLUR_SIGMA = 1.0
 """Edges sharper than a pixel show only their distance over their blur: corner and blur are then known together, from
 what is known of blur beforehand, a factor of e. Wherever an edge shows its blur this says nothing."""
-
-TABLE_DENSITY = 64
-TABLE_MIDDLE = 144
-_TABLE = (np.arange(2 * TABLE_MIDDLE + 1) - TABLE_MIDDLE) / TABLE_DENSITY
-_STEP = np.array([math.erf(t) for t in _TABLE])
-"""The blurred step and its slope over t; linear between entries they are exact to 3e-5 of the contrast."""
-_BELL = np.where(np.abs(_TABLE) < _TABLE[-1], np.exp(-(_TABLE**2)), 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,57 +105,78 @@ def refine(
 
 
 @njit(
-    "float64(uint8[:, ::1], float64[::1], int64[:, ::1], int64, float64[:, ::1], float64[::1])",
+    "float64(uint8[:, ::1], float64[::1], int64[:, ::1], float64[:, ::1], float64[::1])",
     cache=True,
     nogil=True,
     error_model="numpy",
     fastmath={"contract", "reassoc", "arcp", "nsz"},
 )
-def _normal_equations(grey, p, pixels, count, JtJ, Jtr):  # type: ignore[no-untyped-def]
-    """Fills J^T J (9, 9) and J^T r (9,) over pixels (count, 2); returns the sum of squared residuals."""
+def _linearise(grey, p, pixels, J, residuals):  # type: ignore[no-untyped-def]
+    """Fills J (11, n) and residuals (n,) at pixels (n, 2); returns the sum of squared residuals."""
     x, y, m, c, gx, gy = p[0], p[1], p[5], p[6], p[7], p[8]
     ca, sa, cb, sb = math.cos(p[2]), math.sin(p[2]), math.cos(p[3]), math.sin(p[3])
-    blur = math.exp(p[4])
-    scale = 1.0 / (math.sqrt(2.0) * blur)
-    slope = math.sqrt(2.0 / math.pi) / blur
-    JtJ[:] = 0.0
-    Jtr[:] = 0.0
-    J = np.empty(PARAMETERS)
+    per_blur, slope = math.exp(-p[4]), math.sqrt(2.0 / math.pi)
+    r, turned = ca * cb + sa * sb, sa * cb - ca * sb
+    skew = per_blur**3 / 6.0
     total = 0.0
-    for k in range(count):
+    for k in range(len(pixels)):
         u, v = pixels[k, 0], pixels[k, 1]
         dx, dy = u - x, v - y
-        da, db = ca * dy - sa * dx, cb * dy - sb * dx
-        ta, tb = da * scale, db * scale
-        # Beyond the table, over 3 standard deviations of blur, a step is flat to one part in 400.
-        ka = min(max(int(ta * TABLE_DENSITY + TABLE_MIDDLE), 0), 2 * TABLE_MIDDLE - 1)
-        kb = min(max(int(tb * TABLE_DENSITY + TABLE_MIDDLE), 0), 2 * TABLE_MIDDLE - 1)
-        fa = min(max(ta * TABLE_DENSITY + TABLE_MIDDLE - ka, 0.0), 1.0)
-        fb = min(max(tb * TABLE_DENSITY + TABLE_MIDDLE - kb, 0.0), 1.0)
-        ea = _STEP[ka] + fa * (_STEP[ka + 1] - _STEP[ka])
-        eb = _STEP[kb] + fb * (_STEP[kb + 1] - _STEP[kb])
-        ga = slope * (_BELL[ka] + fa * (_BELL[ka + 1] - _BELL[ka]))
-        gb = slope * (_BELL[kb] + fb * (_BELL[kb + 1] - _BELL[kb]))
-        residual = grey[v, u] - (m + gx * dx + gy * dy + c * ea * eb)
+        ta, tb = (ca * dy - sa * dx) * per_blur, (cb * dy - sb * dx) * per_blur
+        ea, bell_a = step_and_bell(SQRT_HALF * ta)
+        eb, bell_b = step_and_bell(SQRT_HALF * tb)
+        ga, gb = slope * bell_a, slope * bell_b
+        qa, qb = ta * ta - 1.0, tb * tb - 1.0
+        both = ga * gb
+        series = r + r * r * (0.5 * ta * tb + r / 6.0 * qa * qb)
+        skew_a, skew_b = -skew * qa * ga, -skew * qb * gb
+        shape = ea * eb + both * series
+        residual = grey[v, u] - (m + gx * dx + gy * dy + c * (shape + p[9] * skew_a * eb + p[10] * skew_b * ea))
+        residuals[k] = residual
         total += residual * residual
-        wa, wb = c * ga * eb, c * gb * ea
-        J[0] = wa * sa + wb * sb - gx
-        J[1] = -wa * ca - wb * cb - gy
-        J[2] = -wa * (ca * dx + sa * dy)
-        J[3] = -wb * (cb * dx + sb * dy)
-        J[4] = -wa * da - wb * db
-        J[5] = 1.0
-        J[6] = ea * eb
-        J[7] = dx
-        J[8] = dy
-        for i in range(PARAMETERS):
-            Jtr[i] += J[i] * residual
-            for j in range(i + 1):
-                JtJ[i, j] += J[i] * J[j]
-    for i in range(PARAMETERS):
-        for j in range(i):
-            JtJ[j, i] = JtJ[i, j]
+        # Slopes by t_a and t_b, and by r; those of the k's terms are left out, as small as these are.
+        wa = c * per_blur * (ga * eb + both * (r * r * (0.5 * tb + r / 3.0 * ta * qb) - ta * series))
+        wb = c * per_blur * (gb * ea + both * (r * r * (0.5 * ta + r / 3.0 * tb * qa) - tb * series))
+        by_r = c * both * (1.0 + r * (ta * tb + 0.5 * r * qa * qb)) * turned
+        J[0, k] = wa * sa + wb * sb - gx
+        J[1, k] = -wa * ca - wb * cb - gy
+        J[2, k] = -wa * (ca * dx + sa * dy) - by_r
+        J[3, k] = -wb * (cb * dx + sb * dy) + by_r
+        J[4, k] = -(wa * ta + wb * tb) / per_blur
+        J[5, k] = 1.0
+        J[6, k] = shape
+        J[7, k] = dx
+        J[8, k] = dy
+        J[9, k] = c * skew_a * eb
+        J[10, k] = c * skew_b * ea
     return total
+
+
+@njit(
+    "float64(uint8[:, ::1], float64[::1], int64[:, ::1], float64[::1], float64[:, ::1], float64[::1], "
+    "float64[:, ::1], float64[::1])",
+    cache=True,
+    nogil=True,
+)
+def _normal_equations(grey, p, pixels, prior, J, residuals, JtJ, Jtr):  # type: ignore[no-untyped-def]
+    """Fills JtJ (11, 11) and Jtr (11,); returns the cost. prior (2,): the noise's variance over that of each k."""
+    cost = _linearise(grey, p, pixels, J, residuals)
+    products(J, residuals, JtJ, Jtr)
+    for i in range(THIRD_MOMENTS):
+        k = PARAMETERS - THIRD_MOMENTS + i
+        JtJ[k, k] += prior[i]
+        Jtr[k] -= prior[i] * p[k]
+        cost += prior[i] * p[k] ** 2
+    return cost
+
+
+@njit("float64(float64, float64)", cache=True, nogil=True)
+def _raster(angle, length):  # type: ignore[no-untyped-def]
+    """Deviation of the third moment of an edge in direction `angle`, px^3, averaged over its length, px."""
+    along, across = abs(math.cos(angle)), abs(math.sin(angle))
+    # The first harmonic of f (1 - f) (1 - 2 f) holds 99 % of its variance; its mean over so many periods is a sinc.
+    crossed = length * min(along, across)
+    return RASTER_PX3 * (abs(math.sin(math.pi * crossed) / (math.pi * crossed)) if crossed > 1e-3 else 1.0)
 
 
 @njit("int64(int64, int64, float64[::1], float64[::1], float64, float64, int64[:, ::1])", cache=True, nogil=True)
@@ -179,53 +215,25 @@ def _start(grey, pixels, count, centre, step, dark, p):  # type: ignore[no-untyp
     p[6] = 0.5 * (high - low) * (1.0 if dark else -1.0)
 
 
-@njit("void(float64[:, ::1], float64, float64[:, ::1])", cache=True, nogil=True)
-def _factor(A, damping, L):  # type: ignore[no-untyped-def]
-    """Fills L with the lower Cholesky factor of A + damping diag(A)."""
-    for i in range(PARAMETERS):
-        for j in range(i + 1):
-            total = A[i, j]
-            if i == j:
-                # The small term keeps a corner without contrast from a root of zero; it fails its tests later.
-                total += damping * A[i, i] + 1e-9
-            for k in range(j):
-                total -= L[i, k] * L[j, k]
-            L[i, j] = math.sqrt(max(total, 1e-12)) if i == j else total / L[j, j]
-
-
-@njit("void(float64[:, ::1], float64[::1], float64[::1])", cache=True, nogil=True)
-def _solve(L, b, x):  # type: ignore[no-untyped-def]
-    """Fills x with the solution of L L^T x = b."""
-    for i in range(PARAMETERS):
-        total = b[i]
-        for k in range(i):
-            total -= L[i, k] * x[k]
-        x[i] = total / L[i, i]
-    for i in range(PARAMETERS - 1, -1, -1):
-        total = x[i]
-        for k in range(i + 1, PARAMETERS):
-            total -= L[k, i] * x[k]
-        x[i] = total / L[i, i]
-
-
 @njit(
-    "float64(uint8[:, ::1], int64[:, ::1], int64, float64[::1], float64, float64[:, ::1])",
+    "float64(uint8[:, ::1], int64[:, ::1], float64[::1], float64, float64[::1], float64[:, ::1])",
     cache=True,
     nogil=True,
     error_model="numpy",
 )
-def _descend(grey, pixels, count, p, most_blur, JtJ):  # type: ignore[no-untyped-def]
+def _descend(grey, pixels, p, most_blur, prior, JtJ):  # type: ignore[no-untyped-def]
     """Levenberg-Marquardt on p, in place; fills J^T J there; returns the sum of squared residuals."""
     Jtr, trial_JtJ, trial_Jtr = np.empty(PARAMETERS), np.empty((PARAMETERS, PARAMETERS)), np.empty(PARAMETERS)
-    cost = _normal_equations(grey, p, pixels, count, JtJ, Jtr)
+    J, residuals = np.empty((PARAMETERS, len(pixels))), np.empty(len(pixels))
+    cost = _normal_equations(grey, p, pixels, prior, J, residuals, JtJ, Jtr)
     damping = 1e-3
     L, delta, trial = np.empty((PARAMETERS, PARAMETERS)), np.empty(PARAMETERS), np.empty(PARAMETERS)
     for _ in range(MOST_STEPS):
-        _factor(JtJ, damping, L)
-        _solve(L, Jtr, delta)
+        factor(JtJ, damping, L)
+        solve(L, Jtr, delta)
         trial[:] = p + delta
         trial[4] = min(max(trial[4], LEAST_LOG_BLUR), math.log(most_blur))
-        trial_cost = _normal_equations(grey, trial, pixels, count, trial_JtJ, trial_Jtr)
+        trial_cost = _normal_equations(grey, trial, pixels, prior, J, residuals, trial_JtJ, trial_Jtr)
         moved = abs(delta[0]) + abs(delta[1])
         if trial_cost < cost:
             gain = cost - trial_cost
@@ -251,7 +259,7 @@ def _descend(grey, pixels, count, p, most_blur, JtJ):  # type: ignore[no-untyped
     error_model="numpy",
 )
 def _fit(grey, uv, steps, dark, radius, blur, zero):  # type: ignore[no-untyped-def]
-    """Parameters (n, 9), and (n, 2): standard deviation per axis in px (infinite where it failed) and of grey."""
+    """Parameters (n, 11), and (n, 2): standard deviation per axis in px (infinite where it failed) and of grey."""
     h, w = grey.shape
     n = len(uv)
     fitted = np.zeros((n, PARAMETERS))
@@ -259,24 +267,30 @@ def _fit(grey, uv, steps, dark, radius, blur, zero):  # type: ignore[no-untyped-
     side = 2 * int(radius) + 4
     pixels = np.empty((side * side, 2), np.int64)
     JtJ, L = np.empty((PARAMETERS, PARAMETERS)), np.empty((PARAMETERS, PARAMETERS))
-    unit, column = np.empty(PARAMETERS), np.empty(PARAMETERS)
+    unit, column, prior = np.empty(PARAMETERS), np.empty(PARAMETERS), np.empty(2)
     for i in range(n):
         p, step = fitted[i], steps[i]
         count = _window(h, w, uv[i], step, radius, zero, pixels)
         _start(grey, pixels, count, uv[i], step, dark[i], p)
         p[4] = math.log(blur)
-        # Fewer pixels than this do not carry nine parameters with any certainty left.
-        if count < 3 * PARAMETERS:
+        if count < LEAST_PIXELS:
             continue
-        cost = _descend(grey, pixels, count, p, radius, JtJ)
-        variance = max(cost / (count - PARAMETERS), LEAST_VARIANCE)
+        prior[:] = FLAT_PX3**-2
+        cost = _descend(grey, pixels[:count], p, radius, prior, JtJ)
+        variance = cost / (count - PARAMETERS + THIRD_MOMENTS)
+        length = 2.0 * math.sqrt(count / math.pi)
+        raster_a, raster_b = _raster(p[2], length), _raster(p[3], length)
+        if max(raster_a, raster_b) > LEAST_RASTER * RASTER_PX3:
+            prior[0], prior[1] = variance / max(raster_a, FLAT_PX3) ** 2, variance / max(raster_b, FLAT_PX3) ** 2
+            variance = _descend(grey, pixels[:count], p, radius, prior, JtJ) / (count - PARAMETERS + THIRD_MOMENTS)
+        variance = max(variance, LEAST_VARIANCE)
         JtJ[4, 4] += variance / LOG_BLUR_SIGMA**2
-        _factor(JtJ, 0.0, L)
+        factor(JtJ, 0.0, L)
         spread = 0.0
         for axis in range(2):
             unit[:] = 0.0
             unit[axis] = 1.0
-            _solve(L, unit, column)
+            solve(L, unit, column)
             spread += 0.5 * variance * column[axis]
         # A fit that runs half its window away has left the corner it began at for something else.
         limit = min(WINDOW * min(math.hypot(step[0], step[1]), math.hypot(step[2], step[3])), 0.5 * radius)

@@ -114,13 +114,20 @@ class AprilGrid(Target):
         """The tags and the squares at their corners, with a quiet zone of one gap around."""
         gap = self.spacing * self.tag
         shapes: list[Polygon | MarkerArt] = []
+        # Neighbouring tags share squares, which are drawn once: ink laid twice on a partly covered cell would widen it.
+        drawn: set[tuple[int, int]] = set()
         inner = self.tag * (1.0 - 2.0 * (self.border - 1) / (self.bits + 2 * self.border))
         for i, corners in enumerate(self.points[self.tag_points, :2]):
             x, y = (float(c) for c in corners[0])
             shapes.append(_square(x, y, self.tag))
             inset = 0.5 * (self.tag - inner)
             shapes.append(MarkerArt(self.dictionary, i, (x + inset, y + inset), inner, quarter_turns=TURNS))
+            row, column = divmod(i, self.columns)
             for right, down in ((0, 0), (1, 0), (1, 1), (0, 1)):
+                place = (column + right, row - down)
+                if place in drawn:
+                    continue
+                drawn.add(place)
                 left, top = x + right * (self.tag + gap) - gap, y + down * (self.tag + gap) - gap
                 shapes.append(_square(left, top, gap))
         x1, y0 = float(self.points[:, 0].max()), float(self.points[:, 1].min())

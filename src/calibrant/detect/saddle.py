@@ -46,6 +46,8 @@ RASTER_PX3 = math.sqrt(1.0 / 210.0)
 """Third moment of an edge mixed from two pixels, rms over all places between them: that of f (1 - f) (1 - 2 f)."""
 LEAST_RASTER = 0.1
 """Of RASTER_PX3: what is left of it on an edge that crosses a pixel and a half; below, the k are not looked for."""
+LEAST_LOG_MIXED = math.log(0.5)
+"""Blur of an edge mixed from two pixels half and half, by that alone: sharper ones are hardly mixed."""
 FLAT_PX3 = 1e-6
 """Standard deviation of a k that is not looked for: none."""
 MOST_STEPS = 20
@@ -277,13 +279,13 @@ def _fit(grey, uv, steps, dark, radius, blur, zero):  # type: ignore[no-untyped-
             continue
         prior[:] = FLAT_PX3**-2
         cost = _descend(grey, pixels[:count], p, radius, prior, JtJ)
-        variance = cost / (count - PARAMETERS + THIRD_MOMENTS)
+        variance = max(cost / (count - PARAMETERS + THIRD_MOMENTS), LEAST_VARIANCE)
         length = 2.0 * math.sqrt(count / math.pi)
         raster_a, raster_b = _raster(p[2], length), _raster(p[3], length)
-        if max(raster_a, raster_b) > LEAST_RASTER * RASTER_PX3:
+        if p[4] > LEAST_LOG_MIXED and max(raster_a, raster_b) > LEAST_RASTER * RASTER_PX3:
             prior[0], prior[1] = variance / max(raster_a, FLAT_PX3) ** 2, variance / max(raster_b, FLAT_PX3) ** 2
-            variance = _descend(grey, pixels[:count], p, radius, prior, JtJ) / (count - PARAMETERS + THIRD_MOMENTS)
-        variance = max(variance, LEAST_VARIANCE)
+            cost = _descend(grey, pixels[:count], p, radius, prior, JtJ)
+            variance = max(cost / (count - PARAMETERS + THIRD_MOMENTS), LEAST_VARIANCE)
         JtJ[4, 4] += variance / LOG_BLUR_SIGMA**2
         factor(JtJ, 0.0, L)
         spread = 0.0

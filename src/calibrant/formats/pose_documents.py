@@ -19,6 +19,8 @@ _PAIR_KEYS = (
     ("robot", "optical"),
     ("robot", "target"),
     ("robot", "camera"),
+    ("robot", "tracking"),
+    ("robot", "marker"),
     ("tbasegripper", "tcameratarget"),
 )
 # OpenCV's gripper2base names the map from gripper to base coordinates, T_base_gripper.

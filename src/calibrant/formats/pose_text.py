@@ -28,7 +28,7 @@ def read_text_table(text: str, source: str) -> PoseTable:
     lines = [(i, _cells(line, separator)) for i, line in content]
     header: list[str] | None = None
     if not any(_is_number(cell) for cell in lines[0][1]):
-        header, lines = lines[0][1], lines[1:]
+        header, lines = _trimmed(lines[0][1], 1), lines[1:]
         if not lines:
             raise InputError(f"{source}: a header but no poses under it")
     elif comments and comments[-1][0] < lines[0][0]:

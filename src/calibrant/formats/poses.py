@@ -19,8 +19,10 @@ from calibrant.errors import InputError
 from calibrant.formats.joint_columns import find_joints, poses_from_joints
 from calibrant.formats.natural_order import natural_key
 from calibrant.formats.opencv_storage import read_json, read_xml, read_yaml
+from calibrant.formats.pose_arrays import ARRAYS, read_arrays
 from calibrant.formats.pose_columns import is_header
 from calibrant.formats.pose_documents import read_document
+from calibrant.formats.pose_prints import read_documents, read_lines, read_printed
 from calibrant.formats.pose_readings import PoseReading as PoseReading
 from calibrant.formats.pose_readings import excluded as excluded
 from calibrant.formats.pose_readings import options as options
@@ -103,9 +105,9 @@ def _files(paths: str | Path | Iterable[str | Path]) -> list[Path]:
     for item in given:
         path = Path(item)
         if path.is_dir():
-            found = [p for p in path.iterdir() if p.is_file() and p.suffix.lower() in READERS]
+            found = [p for p in path.iterdir() if p.is_file() and p.suffix.lower() in SUFFIXES]
             if not found:
-                raise InputError(f"{path}: a folder without pose files; expected files {', '.join(READERS)}")
+                raise InputError(f"{path}: a folder without pose files; expected files {', '.join(SUFFIXES)}")
         elif path.exists():
             found = [path]
         else:
@@ -146,6 +148,8 @@ def _joined(files: list[Path], fmt: RobotFormat | None) -> PoseTable:
 
 
 def _parse(path: Path, fmt: RobotFormat | None = None) -> Parsed:
+    if path.suffix.lower() in ARRAYS:
+        return _read_data(read_arrays(path), path)
     text = _decoded(path)
     if not text.strip():
         raise InputError(f"{path}: no poses: the file is empty")
@@ -153,7 +157,21 @@ def _parse(path: Path, fmt: RobotFormat | None = None) -> Parsed:
     if native is not None:
         return native, None
     reader = READERS.get(path.suffix.lower(), _read_unknown)
-    return reader(text, path)
+    documents = read_documents(text, str(path))
+    if documents is not None:
+        return _read_data(documents, path)
+    if reader in (_read_json, _read_yaml, _read_xml):
+        return reader(text, path)
+    try:
+        parsed = reader(text, path)
+    except InputError:
+        printed = read_printed(text, str(path))
+        if printed is None:
+            raise
+        return printed, None
+    # A line of a controller's text passes for a header, which then names no pose.
+    printed = None if is_header(parsed[0].header) else read_printed(text, str(path))
+    return parsed if printed is None else (printed, None)
 
 
 def _decoded(path: Path) -> str:
@@ -164,7 +182,7 @@ def _decoded(path: Path) -> str:
     if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return raw.decode("utf-16", errors="replace")
     if b"\0" in raw:
-        raise InputError(f"{path}: a binary file; poses are read from text: {', '.join(READERS)}")
+        raise InputError(f"{path}: a binary file; poses are read from {', '.join(SUFFIXES)}")
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -177,7 +195,8 @@ def _read_text(text: str, path: Path) -> Parsed:
 
 
 def _read_json(text: str, path: Path) -> Parsed:
-    return _read_data(read_json(text, str(path)), path)
+    lines = read_lines(text, str(path))
+    return _read_data(read_json(text, str(path)) if lines is None else lines, path)
 
 
 def _read_yaml(text: str, path: Path) -> Parsed:
@@ -227,8 +246,10 @@ READERS: dict[str, Callable[[str, Path], Parsed]] = {
     ".txt": _read_unknown,
     ".dat": _read_unknown,
     ".json": _read_json,
+    ".jsonl": _read_json,
     ".yaml": _read_yaml,
     ".yml": _read_yaml,
     ".xml": _read_xml,
 }
 """Reader of a pose file by its suffix; any other suffix is judged by its content."""
+SUFFIXES = (*READERS, *ARRAYS)

@@ -93,7 +93,7 @@ def controller_text(text: str, source: str, fmt: RobotFormat) -> PoseTable | Non
     first = 2 if fmt.text is not None and "name" in fmt.text.groupindex else 1
     rows = tuple(m.groups()[first - 1 :] for m in found)
     names = [str(m["name"] or "").replace("P[", "P") for m in found] if first == 2 else []
-    named = tuple(names) if all(names) and len(set(names)) == len(names) else None
+    named = tuple(names) if names and all(names) and len(set(names)) == len(names) else None
     return PoseTable(fmt.columns, rows, tuple(f"{source}:{i}" for i in lines), source, names=named)
 
 

@@ -130,7 +130,8 @@ def _right_side(level: Grey, grid: Grid) -> Side:
     height, width = level.shape
     near, far = beyond[:, 0], beyond[:, 1]
     size = np.array([width, height]) - 1.0
-    out = ((near < BORDER_PX) | (near > size - BORDER_PX) | (far < 0) | (far > size)).any(axis=1)
+    over = (near < BORDER_PX) | (near > size - BORDER_PX) | (far < 0) | (far > size)
+    out = np.asarray(over.any(axis=1))
     # Where the image's edge runs across the board at a slant, some lines end before the last column.
     if 4 * out.sum() >= len(out) and 2 * (out.sum() + np.count_nonzero(~leads)) >= len(leads):
         return Side.CUT
@@ -146,7 +147,7 @@ def _ends(level: Grey, grid: Grid, leads: NDArray[np.bool_]) -> bool:
     depths = np.array([-0.5, 0.5, WHOLE, BEYOND])
     upper, lower = (_extrapolated(part[both, -3:], depths) for part in (xy[:-1], xy[1:]))
     places = upper[:, :, None] + ALONG[:, None] * (lower - upper)[:, :, None]
-    inside = _inside(places, level.shape).all(axis=(1, 2))
+    inside = np.asarray(_inside(places, level.shape).all(axis=(1, 2)))
     if inside.sum() < max(LEAST_LINES - 1, 0.5 * len(inside)):
         return False
     value = sample(level, places[inside].reshape(inside.sum(), -1, 2)).reshape(inside.sum(), len(depths), len(ALONG))

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from calibrant.cli import options as o
+
+if TYPE_CHECKING:
+    from calibrant.data import CalibrationResult, Observations
 
 
 def intrinsics(
@@ -87,10 +90,16 @@ def intrinsics(
 
     size = next(iter(found.image_sizes.values()))
     start = None if initial is None else read_camera(initial, image_size=size)
-    with session.explain_refusal(outputs):
-        result = calibrate_intrinsics(
-            found, model=model, fix=o.split_names(fix), initial=start, max_error_px=limit, target_shape=target_shape
+
+    def calibrated(points: Observations) -> CalibrationResult:
+        return calibrate_intrinsics(
+            points, model=model, fix=o.split_names(fix), initial=start, max_error_px=limit, target_shape=target_shape
         )
+
+    with session.explain_refusal(outputs):
+        result = calibrated(found)
+        more = source.look_again(found, result.camera)
+        result = result if more is found else calibrated(more)
         if opencv_yaml is None and not is_opencvs(result.camera):
             outputs = replace(outputs, opencv=None)  # Intr.yml goes along with --out only where OpenCV has the model
         if mirror_x:

@@ -11,6 +11,7 @@ from calibrant.cli import session
 from calibrant.errors import InputError
 
 if TYPE_CHECKING:
+    from calibrant.cameras import Camera
     from calibrant.data import Observations
     from calibrant.detect.refinement import Refinement
 
@@ -80,6 +81,19 @@ class Source:
             views=tuple(v for v in found.views if keep[v.id]),
             missed=tuple(m for m in found.missed if keep[m.id]),
         )
+
+    def look_again(self, found: Observations, camera: Camera) -> Observations:
+        """The observations with the corners of ChArUco boards that a known camera helps to find; only where photos are
+        at hand, and itself where none was found."""
+        if self.observations is not None:
+            return found
+        from calibrant.detect.refinement import DEFAULT
+        from calibrant.detect.second_pass import look_again
+
+        with session.status("Looking again, with the camera …", quiet=self.quiet):
+            return look_again(
+                found, camera, workers=self.workers, mirror_x=self.mirror_x, refinement=self.refinement or DEFAULT
+            )
 
     def inputs(self, files: Sequence[Path]) -> list[Path]:
         """Every file that was read."""

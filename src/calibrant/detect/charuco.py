@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibrant.cameras.camera import Camera
-from calibrant.detect.charuco_camera import anchors_from_camera
-from calibrant.detect.charuco_corners import Corners, corner_anchors, grow_corners, marker_anchors
+from calibrant.detect.charuco_camera import agrees, maps_from_camera
+from calibrant.detect.charuco_corners import Corners, corner_anchors, corners_at, grow_corners, marker_anchors
 from calibrant.detect.charuco_reasons import why_not_found
 from calibrant.detect.codes import read_codes
 from calibrant.detect.detection import Detection, Grey
@@ -39,6 +39,8 @@ LEAST_MARKERS = 2
 MOST_ALONE = 4
 # A marker seen anywhere on the board has all of it within this many boards' lengths, with room for perspective.
 REACH_BOARDS = 1.2
+# More corners place the board better, which finds the last ones.
+CAMERA_ROUNDS = 2
 # Markers read with another id than the place's: one in five may be misread; more, and this is another board.
 OTHER_MARKERS = 0.2
 
@@ -161,11 +163,18 @@ def _on_one_line(printed: Charuco, corners: Corners) -> bool:
 
 def _with_camera(grey: Grey, board: _Board, camera: Camera, markers: Markers, how: Refinement) -> _Board:
     """The board with the corners that a known camera helps to find; never fewer than before."""
-    anchors = anchors_from_camera(board.corners, board.printed, camera)
-    if anchors is None:
-        return board
-    more = _confirmed(grey, board.printed, grow_corners(grey, board.printed, anchors, how), markers)
-    return more if more is not None and len(more.corners) > len(board.corners) else board
+    best = board
+    for _ in range(CAMERA_ROUNDS):
+        maps = maps_from_camera(best.corners, board.printed, camera)
+        if maps is None:
+            break
+        known = best.corners.subset(agrees(best.corners, maps))
+        corners = corners_at(grey, board.printed, known, maps, how)
+        more = _confirmed(grey, board.printed, corners.subset(agrees(corners, maps)), markers)
+        if more is None or len(more.corners) <= len(best.corners):
+            break
+        best = more
+    return best
 
 
 def _detection(target: Charuco, board: _Board) -> Detection:

@@ -111,19 +111,33 @@ def grow_corners(grey: Grey, target: Charuco, anchors: Anchors, how: Refinement 
         known = known.joined(places[new], uv[new], CORNER_SIGMA_PX)
     found = np.flatnonzero(~np.isnan(uv[:, 0]))
     rough = Corners(found, uv[found], np.full(len(found), CORNER_SIGMA_PX))
-    return _agreeing(_sharpened(grey, rough, target, known, how), target, anchors)
+    per_square = known.maps_at(places[found]).px_per_square
+    return _agreeing(_sharpened(grey, rough, target, per_square, how), target, anchors)
 
 
-def _sharpened(grey: Grey, corners: Corners, target: Charuco, known: Anchors, how: Refinement) -> Corners:
+def corners_at(grey: Grey, target: Charuco, known: Corners, maps: LocalMaps, how: Refinement = DEFAULT) -> Corners:
+    """The known corners and those found where maps of all the board's corners put them."""
+    there: NDArray[np.bool_] = np.asarray(np.isfinite(maps.centres).all(axis=1))
+    there[known.index] = False
+    todo = np.flatnonzero(there)
+    uv, good = find_corners(grey, target, todo, maps.subset(there))
+    index = np.concatenate([known.index, todo[good]])
+    sigma = np.concatenate([known.sigma_px, np.full(np.count_nonzero(good), CORNER_SIGMA_PX)])
+    order = np.argsort(index)
+    rough = Corners(index[order], np.concatenate([known.uv, uv[good]])[order], sigma[order])
+    return _sharpened(grey, rough, target, maps.px_per_square[rough.index], how)
+
+
+def _sharpened(grey: Grey, corners: Corners, target: Charuco, per_square: Array, how: Refinement) -> Corners:
     """Corners refined to their full accuracy, each with its own sigma.
 
     Where the model of two blurred edges does not fit (a moving board), the rough corner stays, with a large sigma.
+    Args: per_square (n, 2, 2): as `LocalMaps.px_per_square`.
     """
     if len(corners) == 0:
         return corners
     # Windows end before the markers.
     gap = 0.5 * (1.0 - target.marker / target.square)
-    per_square = known.maps_at(target.points[corners.index, :2] / target.square).px_per_square
     steps = np.swapaxes(per_square, 1, 2).reshape(-1, 4)
     dark = ~_light_at_top_left(target, corners.index)
     refined = refine(grey, corners.uv, steps, dark, how=how, most=gap)

@@ -12,13 +12,9 @@ ten parameters (x, y, a, b, c2, log s, m, c, gamma) are fitted by Levenberg-Marq
 around the rough outline, then to all around the fitted one. But for gamma's, the terms are even about p, as is a spot
 blurred evenly, so that an outline of the wrong shape does not pull the centre aside.
 
-The covariance of (x, y) is that of least squares, V = s^2 (J^T J)^-1 with s^2 from the spot's own residuals, if these
-are noise. They are not noise alone: pixels, demosaicing and resizing make an edge's profile depend on where it falls
-between pixels, and d is approximate. So the outline is cut into short arcs, each taken with the one opposite, whose
-errors do not depend on those of others; and with g_q the share of pixel q in (x, y) per grey level, each pair's sum of
-g_q r_q is compared with what noise would give there (K.-Y. Liang, S. Zeger, Longitudinal data analysis using
-generalized linear models, Biometrika 1986). The ratio, taken over all spots of a picture since raster and blur are the
-same there, multiplies V: below 1 where misfits cancel across the edge or the spot.
+The covariance of (x, y) is that of least squares with sigma from the spot's own residuals, times what these do beyond
+noise (`robust_variance`): groups are short arcs of the outline, each with the one opposite, as misfits that are even
+about p cancel between these.
 """
 
 from __future__ import annotations
@@ -32,6 +28,7 @@ from numpy.typing import NDArray
 
 from calibrant.detect.blurred_step import step_and_bell
 from calibrant.detect.normal_equations import factor, products, solve
+from calibrant.detect.robust_variance import GROUP_PX, sum_groups, variance_ratio
 from calibrant.detect.spots import Spots
 
 Array = NDArray[np.float64]
@@ -48,10 +45,6 @@ LEAST_BAND_PX = 2.5
 """A rough outline is off by a pixel; a sharp edge still wants a pixel or two of ink and paper on its sides."""
 THINNED = 3
 """Of how many pixels the first fit takes one: it is good to a hundredth of a pixel."""
-ARC_PX = 3.0
-"""Length of an arc whose errors are taken as one: pixels further apart do not share the raster's effect on an edge."""
-LEAST_ARCS = 150
-"""Over all spots: the ratio of variances is then known to a tenth, by two axes each. With fewer it is taken for 1."""
 LEAST_LOG_BLUR, MOST_LOG_BLUR = math.log(0.25), math.log(20.0)
 """A pixel's own width blurs by 0.29 px; an edge of 20 px is none."""
 
@@ -78,9 +71,7 @@ def refine_spots(grey: Grey, spots: Spots, *, room: Array, darkness: float = 0.0
     """
     image, roots = np.ascontiguousarray(grey), np.ascontiguousarray(_roots(spots.shape))
     parameters, sigma, arcs = _fit(image, spots.uv, roots, room, float(blur_px), float(darkness))
-    found, expected, count = arcs[np.isfinite(sigma[:, 0])].sum(axis=0)
-    if count >= LEAST_ARCS:
-        sigma[:, 0] *= np.sqrt(found / expected)
+    sigma[:, 0] *= np.sqrt(variance_ratio(arcs[np.isfinite(sigma[:, 0])]))
     A = np.zeros((len(parameters), 2, 2))
     A[:, 0, 0], A[:, 1, 0], A[:, 1, 1] = parameters[:, 2], parameters[:, 3], parameters[:, 4]
     shape = np.asarray(np.linalg.inv(np.swapaxes(A, 1, 2) @ A + 1e-12 * np.eye(2)), np.float64)
@@ -224,35 +215,18 @@ def _descend(window, p, JtJ, enough):  # type: ignore[no-untyped-def]
     nogil=True,
     error_model="numpy",
 )
-def _sum_arcs(window, p, cofactors, variance, arcs):  # type: ignore[no-untyped-def]
-    """Fills arcs (3,): sum over pairs of arcs of (sum of g r)^2, in variances of (x, y); what noise gives; count."""
+def _sum_arcs(window, p, cofactors, variance, sums):  # type: ignore[no-untyped-def]
+    """Fills sums (3,) of `robust_variance`."""
     n = window.shape[1]
-    J, r = np.empty((PARAMETERS, n)), np.empty(n)
+    J, r, group = np.empty((PARAMETERS, n)), np.empty(n), np.empty(n, np.int64)
     _linearise(window, p, J, r)
-    girth = math.pi * (1.0 / abs(p[2]) + 1.0 / abs(p[4]))
-    count = max(int(0.5 * girth / ARC_PX), 4)
-    shift, energy, taken = np.zeros((count, 2)), np.zeros((count, 2)), np.zeros((count, 2, PARAMETERS))
+    half_girth = 0.5 * math.pi * (1.0 / abs(p[2]) + 1.0 / abs(p[4]))
+    count = max(int(half_girth / GROUP_PX), 4)
     for k in range(n):
         dx, dy = window[0, k] - p[0], window[1, k] - p[1]
         half_turns = 1.0 + math.atan2(p[3] * dx + p[4] * dy, p[2] * dx) / math.pi
-        arc = int(half_turns * count) % count
-        for axis in range(2):
-            share = 0.0
-            for i in range(PARAMETERS):
-                share += cofactors[axis, i] * J[i, k]
-            shift[arc, axis] += share * r[k]
-            energy[arc, axis] += share * share
-            for i in range(PARAMETERS):
-                taken[arc, axis, i] += share * J[i, k]
-    scale = cofactors[0, 0] + cofactors[1, 1]
-    arcs[0], arcs[1] = (shift**2).sum() / (variance * scale), energy.sum() / scale
-    # Residuals are noise less what the fit took of it: g^T (I - J C J^T) g within the arc.
-    for arc in range(count):
-        for axis in range(2):
-            for i in range(PARAMETERS):
-                for j in range(PARAMETERS):
-                    arcs[1] -= taken[arc, axis, i] * cofactors[i, j] * taken[arc, axis, j] / scale
-    arcs[2] = count
+        group[k] = int(half_turns * count) % count
+    sum_groups(J, r, cofactors, group, count, variance, sums)
 
 
 @njit(

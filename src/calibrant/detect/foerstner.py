@@ -9,10 +9,11 @@ follow the corner until it stays. Pixels of the zero zone around the corner say 
 out. Gradients are central differences, so a pixel's noise enters the equations of its neighbours; the covariance of p
 follows by propagating it exactly, c_k being what pixel k adds to the right-hand side per grey level:
 
-    Cov p = s^2 J^-1 (sum c_k c_k^T) J^-T
+    Cov p = J^-1 (sum s_k^2 c_k c_k^T) J^-T
 
-with s^2 the noise around the corner and J = N but for what the weights change as they follow. What is left of
-g . (p - q) would not do for s: blur makes it large near the corner, evenly to all sides, which does not move it.
+with s_k^2 the noise around the corner and what the raster adds on edges, and J = N but for what the weights change as
+they follow. What is left of g . (p - q) would not do for s: blur makes it large near the corner, evenly to all sides,
+which does not move it.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from calibrant.detect.noise import noise_variance
+from calibrant.detect.noise import noise_variance, raster_variance
 from calibrant.detect.saddle import Refined
 
 Array = NDArray[np.float64]
@@ -80,13 +81,13 @@ def _equations(grey, x, y, half, zero, sums):  # type: ignore[no-untyped-def]
 
 
 @njit(
-    "float64(uint8[:, ::1], float64, float64, float64, float64)",
+    "float64(uint8[:, ::1], float64, float64, float64, float64, float64)",
     cache=True,
     nogil=True,
     error_model="numpy",
 )
-def _spread(grey, x, y, half, zero):  # type: ignore[no-untyped-def]
-    """Variance of the corner per axis, px^2, for noise of one grey level."""
+def _spread(grey, x, y, half, zero, variance):  # type: ignore[no-untyped-def]
+    """Variance of the corner per axis, px^2, for noise of a variance."""
     h, w = grey.shape
     u0, v0 = max(int(x - half), 1) - 1, max(int(y - half), 1) - 1
     u1, v1 = min(int(x + half) + 2, w - 1) + 1, min(int(y + half) + 2, h - 1) + 1
@@ -114,9 +115,10 @@ def _spread(grey, x, y, half, zero):  # type: ignore[no-untyped-def]
     xx, xy, yy = 0.0, 0.0, 0.0
     for j in range(v1 - v0):
         for i in range(u1 - u0):
-            xx += share[j, i, 0] ** 2
-            xy += share[j, i, 0] * share[j, i, 1]
-            yy += share[j, i, 1] ** 2
+            of_pixel = variance + raster_variance(grey, u0 + i, v0 + j)
+            xx += of_pixel * share[j, i, 0] ** 2
+            xy += of_pixel * share[j, i, 0] * share[j, i, 1]
+            yy += of_pixel * share[j, i, 1] ** 2
     # The corner is where the right-hand side vanishes; noise that adds d to it moves the corner by J^-1 d, with -J the
     # derivative of the right-hand side: N, and what moving the weights changes.
     J, beside = np.empty((2, 2)), np.empty(6)
@@ -175,7 +177,7 @@ def _fit(grey, uv, half, zero):  # type: ignore[no-untyped-def]
         for row in range(v - reach, v + reach + 1):
             for column in range(u - reach, u + reach + 1):
                 low, high = min(low, float(grey[row, column])), max(high, float(grey[row, column]))
-        spread = variance * _spread(grey, x, y, half[i], zero)
+        spread = _spread(grey, x, y, half[i], zero, variance)
         out[i, 3], out[i, 4] = math.sqrt(variance), 0.5 * (high - low)
         if spread > 0.0:
             out[i, 2] = math.sqrt(spread)

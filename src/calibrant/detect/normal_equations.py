@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit
 
 
@@ -56,3 +57,13 @@ def solve(L, b, x):  # type: ignore[no-untyped-def]
         for k in range(i + 1, n):
             total -= L[k, i] * x[k]
         x[i] = total / L[i, i]
+
+
+@njit("void(float64[:, ::1], float64[:, ::1])", cache=True, nogil=True, error_model="numpy")
+def invert(L, inverse):  # type: ignore[no-untyped-def]
+    """Fills inverse with that of L L^T."""
+    unit = np.zeros(len(L))
+    for i in range(len(L)):
+        unit[i] = 1.0
+        solve(L, unit, inverse[i])
+        unit[i] = 0.0

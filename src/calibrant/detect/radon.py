@@ -9,7 +9,8 @@ cut short. With f(q, a) the mean brightness on a line of half length r through q
 means of many pixels, which is what holds against noise. The places where R is computed follow the corner until it
 stays, so that neither the pixels' raster nor the paraboloid's shape pulls it aside. All places share the two angles of
 the corner itself: the grey values are even about it, so that R is too at any angles, and choosing anew at every place
-would follow the noise. p is then linear in the grey values, and its covariance that of their noise.
+would follow the noise. p is then linear in the grey values, and its covariance that of their noise
+and of what the raster adds on edges.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from calibrant.detect.noise import noise_variance
+from calibrant.detect.noise import noise_variance, raster_variance
 from calibrant.detect.saddle import Refined
 
 Array = NDArray[np.float64]
@@ -134,13 +135,13 @@ def _vertex(grey, x, y, half, spacing, lightest, darkest, row):  # type: ignore[
 
 
 @njit(
-    "float64(uint8[:, ::1], float64, float64, int64, float64, int64, int64, float64[::1])",
+    "float64(uint8[:, ::1], float64, float64, int64, float64, int64, int64, float64[::1], float64)",
     cache=True,
     nogil=True,
     error_model="numpy",
 )
-def _spread(grey, x, y, half, spacing, lightest, darkest, row):  # type: ignore[no-untyped-def]
-    """Variance of the vertex per axis, px^2, for noise of one grey level."""
+def _spread(grey, x, y, half, spacing, lightest, darkest, row, variance):  # type: ignore[no-untyped-def]
+    """Variance of the vertex per axis, px^2, for noise of a variance."""
     reach = half + int(0.5 * PLACES * spacing) + 3
     u0, v0 = int(x) - reach, int(y) - reach
     share = np.zeros((2 * reach + 2, 2 * reach + 2, 2))
@@ -175,7 +176,8 @@ def _spread(grey, x, y, half, spacing, lightest, darkest, row):  # type: ignore[
     for j in range(share.shape[0]):
         for i in range(share.shape[1]):
             a, b = share[j, i, 0], share[j, i, 1]
-            total += (K[1, 1] * a - K[0, 1] * b) ** 2 + (K[0, 0] * b - K[1, 0] * a) ** 2
+            of_pixel = variance + raster_variance(grey, u0 + i, v0 + j)
+            total += of_pixel * ((K[1, 1] * a - K[0, 1] * b) ** 2 + (K[0, 0] * b - K[1, 0] * a) ** 2)
     return 0.5 * total / det**2
 
 
@@ -213,5 +215,5 @@ def _fit(grey, uv, half_px):  # type: ignore[no-untyped-def]
         difference = _line(grey, x, y, half, lightest) - _line(grey, x, y, half, darkest)
         out[i, 0], out[i, 1] = x, y
         out[i, 3], out[i, 4] = math.sqrt(variance), 0.5 * difference
-        out[i, 2] = math.sqrt(variance * _spread(grey, x, y, half, spacing, lightest, darkest, row))
+        out[i, 2] = math.sqrt(_spread(grey, x, y, half, spacing, lightest, darkest, row, variance))
     return out

@@ -18,7 +18,8 @@ The eleven parameters (x, y, two angles, log s, m, c, g, k_a, k_b) are fitted by
 whose grid coordinates lie within WINDOW of the distance to the next corners; the k only where an edge runs along the
 raster. But for these and g, the terms are even about p, as is any corner blurred evenly, so that a wrong shape of blur
 does not pull it aside. The covariance of (x, y) is that of least squares, sigma^2 (J^T J)^-1 with sigma^2 from the
-corner's own residuals: noise, blur and contrast all show in it.
+corner's own residuals: noise, blur and contrast all show in it; times what these residuals do beyond noise
+(`robust_variance`): groups are pieces of the edges, each with the one opposite.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from calibrant.detect.blurred_step import step_and_bell
-from calibrant.detect.normal_equations import factor, products, solve
+from calibrant.detect.normal_equations import factor, invert, products, solve
+from calibrant.detect.robust_variance import GROUP_PX, sum_groups, variance_ratio
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
@@ -93,7 +95,7 @@ def refine(
     the square towards both; radius_px: largest half width of the window; blur_px: the blur to start from, about the
     uncertainty of uv; zero_zone_px: half width of the square around the corner that is left out, 0 for none.
     """
-    fitted, sigma = _fit(
+    fitted, sigma, pieces = _fit(
         grey,
         np.ascontiguousarray(uv, dtype=np.float64),
         np.ascontiguousarray(steps, dtype=np.float64),
@@ -103,6 +105,7 @@ def refine(
         float(zero_zone_px),
     )
     ok = np.isfinite(sigma[:, 0])
+    sigma[:, 0] *= np.sqrt(variance_ratio(pieces[ok]))
     return Refined(fitted[:, :2], sigma[:, 0], np.abs(fitted[:, 6]), sigma[:, 1], np.exp(fitted[:, 4]), ok)
 
 
@@ -254,14 +257,38 @@ def _descend(grey, pixels, p, most_blur, prior, JtJ):  # type: ignore[no-untyped
 
 
 @njit(
-    "UniTuple(float64[:, ::1], 2)(uint8[:, ::1], float64[:, ::1], float64[:, ::1], boolean[::1], float64, float64, "
+    "void(uint8[:, ::1], float64[::1], int64[:, ::1], float64[:, ::1], float64, float64[::1])",
+    cache=True,
+    nogil=True,
+    error_model="numpy",
+)
+def _sum_pieces(grey, p, pixels, cofactors, variance, sums):  # type: ignore[no-untyped-def]
+    """Fills sums (3,) of `robust_variance`."""
+    n = len(pixels)
+    J, r, group = np.empty((PARAMETERS, n)), np.empty(n), np.empty(n, np.int64)
+    _linearise(grey, p, pixels, J, r)
+    ca, sa, cb, sb = math.cos(p[2]), math.sin(p[2]), math.cos(p[3]), math.sin(p[3])
+    furthest = 0
+    for k in range(n):
+        dx, dy = pixels[k, 0] - p[0], pixels[k, 1] - p[1]
+        along_a, along_b = abs(ca * dx + sa * dy), abs(cb * dx + sb * dy)
+        # A pixel belongs to the edge that it is nearer to, hence further along.
+        edge = 0 if along_a > along_b else 1
+        group[k] = 2 * int(max(along_a, along_b) / GROUP_PX) + edge
+        furthest = max(furthest, group[k])
+    sum_groups(J, r, cofactors, group, furthest + 1, variance, sums)
+
+
+@njit(
+    "UniTuple(float64[:, ::1], 3)(uint8[:, ::1], float64[:, ::1], float64[:, ::1], boolean[::1], float64, float64, "
     "float64)",
     cache=True,
     nogil=True,
     error_model="numpy",
 )
 def _fit(grey, uv, steps, dark, radius, blur, zero):  # type: ignore[no-untyped-def]
-    """Parameters (n, 11), and (n, 2): standard deviation per axis in px (infinite where it failed) and of grey."""
+    """Parameters (n, 11); (n, 2): standard deviation per axis in px (infinite where it failed) and of grey, taking
+    residuals for noise; (n, 3) sums over pieces of edges."""
     h, w = grey.shape
     n = len(uv)
     fitted = np.zeros((n, PARAMETERS))
@@ -269,7 +296,7 @@ def _fit(grey, uv, steps, dark, radius, blur, zero):  # type: ignore[no-untyped-
     side = 2 * int(radius) + 4
     pixels = np.empty((side * side, 2), np.int64)
     JtJ, L = np.empty((PARAMETERS, PARAMETERS)), np.empty((PARAMETERS, PARAMETERS))
-    unit, column, prior = np.empty(PARAMETERS), np.empty(PARAMETERS), np.empty(2)
+    pieces, cofactors, prior = np.zeros((n, 3)), np.empty((PARAMETERS, PARAMETERS)), np.empty(2)
     for i in range(n):
         p, step = fitted[i], steps[i]
         count = _window(h, w, uv[i], step, radius, zero, pixels)
@@ -288,12 +315,8 @@ def _fit(grey, uv, steps, dark, radius, blur, zero):  # type: ignore[no-untyped-
             variance = max(cost / (count - PARAMETERS + THIRD_MOMENTS), LEAST_VARIANCE)
         JtJ[4, 4] += variance / LOG_BLUR_SIGMA**2
         factor(JtJ, 0.0, L)
-        spread = 0.0
-        for axis in range(2):
-            unit[:] = 0.0
-            unit[axis] = 1.0
-            solve(L, unit, column)
-            spread += 0.5 * variance * column[axis]
+        invert(L, cofactors)
+        spread = 0.5 * variance * (cofactors[0, 0] + cofactors[1, 1])
         # A fit that runs half its window away has left the corner it began at for something else.
         limit = min(WINDOW * min(math.hypot(step[0], step[1]), math.hypot(step[2], step[3])), 0.5 * radius)
         moved = math.hypot(p[0] - uv[i, 0], p[1] - uv[i, 1])
@@ -301,4 +324,7 @@ def _fit(grey, uv, steps, dark, radius, blur, zero):  # type: ignore[no-untyped-
         # Nor is anything known of one whose deviation is as large.
         if 0.0 < spread < limit * limit and moved < limit and (p[6] > 0.0) == dark[i]:
             sigma[i, 0] = math.sqrt(spread)
-    return fitted, sigma
+            # Sharper edges show too little of their profile to tell a misfit from where they are.
+            if p[4] > LEAST_LOG_MIXED:
+                _sum_pieces(grey, p, pixels[:count], cofactors, variance, pieces[i])
+    return fitted, sigma, pieces

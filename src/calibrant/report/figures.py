@@ -117,6 +117,13 @@ def method_rows(result: CalibrationResult) -> list[MethodRow]:
     return rows
 
 
+def camera_transforms(result: CalibrationResult) -> list[TransformEstimate]:
+    """Where the cameras are, of a result with several; else the first transform, which is what was asked for."""
+    if len(result.cameras) < 2 or result.kind != "hand-eye":
+        return list(result.transforms[:1])
+    return [t for t in result.transforms if t.child in result.cameras and t.parent not in result.cameras]
+
+
 def noise_facts(result: CalibrationResult) -> list[Fact]:
     """Residuals, estimated noise, target scale and held-out errors, as far as the result has them."""
     facts: list[Fact] = []

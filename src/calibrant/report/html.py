@@ -22,6 +22,7 @@ from calibrant.report.figures import (
     JOINT,
     Fact,
     camera_figures,
+    camera_transforms,
     listed_figures,
     method_rows,
     noise_facts,
@@ -122,7 +123,8 @@ def headline(result: CalibrationResult) -> list[Fact]:
     """The few figures that answer "how good is it", for the top of the page."""
     facts: list[Fact] = []
     if result.transforms:
-        facts += _transform_facts(result.transforms[0])
+        for estimate in camera_transforms(result):
+            facts += _transform_facts(estimate)
     elif result.cameras:
         camera = next(iter(result.cameras.values()))
         facts += [
@@ -220,7 +222,12 @@ def _option_text(value: object) -> str:
 
 
 def _loop_sentence(loop: tuple[LoopView, ...]) -> str:
-    steps = [(v.mm, v.deg, v.id) for v in loop if v.mm is not None and v.deg is not None]
+    several = len({v.camera for v in loop}) > 1
+    steps = [
+        (v.mm, v.deg, f"{v.camera} {v.view}" if several else v.view)
+        for v in loop
+        if v.mm is not None and v.deg is not None
+    ]
     if not steps:
         return ""
     mm = math.sqrt(sum(s[0] ** 2 for s in steps) / len(steps))
@@ -228,7 +235,7 @@ def _loop_sentence(loop: tuple[LoopView, ...]) -> str:
     worst = max(steps)
     return (
         f"The target by the camera and by the robot lie {plain(mm, digits=2)} mm and {plain(deg, digits=2)} deg apart "
-        f"(RMS of {len(steps)} poses, at the target's centre); most at {worst[2]}: {plain(worst[0], digits=2)} mm."
+        f"(RMS of {len(steps)} views, at the target's centre); most at {worst[2]}: {plain(worst[0], digits=2)} mm."
     )
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from calibrant.data import CalibrationResult, Check, ViewResult
+from calibrant.data import CalibrationResult, Check, TransformEstimate, ViewResult
 from calibrant.diagnose.residuals import camera_of
-from calibrant.report.figures import camera_figures, translation_figures
+from calibrant.report.figures import camera_figures, camera_transforms, translation_figures
 from calibrant.report.numbers import plain, sigma_text
 
 STATUS_WORDS = {"ok": "ok", "warn": "warning", "fail": "FAILED"}
@@ -85,14 +85,9 @@ def _accuracy(result: CalibrationResult) -> str:
     if result.kind == "vanishing" and result.transforms and result.transforms[0].sigma_rotation_deg is not None:
         return f"The rotation is known to {sigma_text(float(result.transforms[0].sigma_rotation_deg.max()))} deg (1σ)."
     if result.kind in ("hand-eye", "pose") and result.transforms:
-        estimate = result.transforms[0]
-        figures, turns = translation_figures(estimate), estimate.sigma_rotation_deg
-        known = [f.sigma for f in figures if f.sigma is not None]
-        if known and turns is not None:
-            return (
-                f"{estimate.parent} → {estimate.child} is known to {sigma_text(max(known))} mm and "
-                f"{sigma_text(float(turns.max()))} deg (1σ, worst axis)."
-            )
+        known = [text for text in map(_known_to, camera_transforms(result)) if text]
+        if known:
+            return f"{', '.join(known)} (1σ, worst axis)."
     if result.cameras:
         figures = [f for f in camera_figures(next(iter(result.cameras.values()))) if f.sigma]
         focal = [f for f in figures if f.name in ("fx", "fy", "f")]
@@ -100,6 +95,18 @@ def _accuracy(result: CalibrationResult) -> str:
             f = focal[0]
             return f"{f.name} is known to {plain(100 * f.sigma / f.value, digits=2)} % (1σ)." if f.sigma else ""
     return "Done."
+
+
+def _known_to(estimate: TransformEstimate) -> str:
+    """How well a transform is known; empty where that is not stated."""
+    known = [f.sigma for f in translation_figures(estimate) if f.sigma is not None]
+    turns = estimate.sigma_rotation_deg
+    if not known or turns is None:
+        return ""
+    return (
+        f"{estimate.parent} → {estimate.child} is known to {sigma_text(max(known))} mm and "
+        f"{sigma_text(float(turns.max()))} deg"
+    )
 
 
 def _passed(result: CalibrationResult) -> str:

@@ -95,7 +95,8 @@ def _layer(found: WorkspaceUncertainty, k: int, low: float, high: float) -> Laye
     dx, dy = _step(points[:, 0, 0]), _step(points[0, :, 1])
     unit = max(nx * dx, ny * dy)
     w, h = 100 * dx / unit, 100 * dy / unit
-    span = max(high - low, 1e-12)
+    # Differences of a few per cent are not to look like those between good and bad.
+    span = max(high - low, 0.5 * high, 1e-12)
     tiles = tuple(
         Tile(
             i * w,

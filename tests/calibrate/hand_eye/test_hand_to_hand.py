@@ -66,6 +66,8 @@ def test_too_few_views_and_motions_that_tell_too_little_are_refused() -> None:
     A, C, B = arms(8, np.random.default_rng(1))
     with pytest.raises(RefusedError, match="4 usable pictures"):
         hand_to_hand_start(A[:4], C[:4], B[:4])
+    with pytest.raises(RefusedError, match="do not agree"):
+        hand_to_hand_start(A, C, B[::-1])
     # Robot b stands still: where its base is and where the target is on it cannot be told apart.
     still = np.tile(C[:1], (8, 1, 1))
     with pytest.raises(RefusedError, match="leaves a position open"):

@@ -35,6 +35,10 @@ INDEPENDENT = 1e-4
 """Least singular value of the translations' equations, over the largest: below, the motions leave a direction open."""
 
 
+NO_AGREEMENT = 0.1
+"""Median rotation, radians, that no robot and no lens explain: robots repeat a hundred times better."""
+
+
 @dataclass(frozen=True, eq=False)
 class HandToHand:
     """X, W, Z and the loop's typical error, radians and metres."""
@@ -56,6 +60,12 @@ def hand_to_hand_start(A: Array, C: Array, B: Array) -> HandToHand:
     T = [se3.make(R, t) for R, t in ((X, tX), (W, tW), (Z, tZ))]
     d = se3.local(T[1] @ C @ T[2], A @ T[0] @ B)
     spread = (float(np.median(np.linalg.norm(d[:, :3], axis=1))), float(np.median(np.linalg.norm(d[:, 3:], axis=1))))
+    if spread[0] > NO_AGREEMENT:
+        raise RefusedError(
+            f"robots and camera do not agree: the best fit leaves {np.rad2deg(spread[0]):.0f} deg in the median view; "
+            "check how the poses of both robots are meant (inverted? degrees?), which photo belongs to which, and "
+            "whether the board looks the same upside down (use one that does not)"
+        )
     return HandToHand(T[0], T[1], T[2], spread)
 
 

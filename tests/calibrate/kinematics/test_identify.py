@@ -16,6 +16,7 @@ from calibrant.calibrate.kinematics.model import Gravity, RobotModel, joint_term
 from calibrant.calibrate.kinematics.result import as_result, axis_rows
 from calibrant.data.joint_measurements import JointMeasurements
 from calibrant.errors import InputError, RefusedError
+from calibrant.formats.robots import read_robot
 from calibrant.geometry import se3, so3
 from calibrant.robots.arms import arm
 from calibrant.robots.links import as_links
@@ -84,6 +85,28 @@ def test_forty_poses_calibrate_an_arm(sigma_deg: float | None, links: bool) -> N
     assert len(calibration.fitted) == (27 if sigma_deg is None else 30)
     assert calibration.noise["position"].sigma == pytest.approx(0.05e-3, rel=0.2)  # 4 standard deviations, r = 93
     assert as_result(calibration).verdict == "ok"
+
+
+SCARA = """convention: standard
+units: {length: mm, angle: deg}
+joints:
+  - {name: j1, a: 325, alpha: 0, d: 400, lower: -130, upper: 130}
+  - {name: j2, a: 275, alpha: 180, d: 0, lower: -140, upper: 140}
+  - {name: j3, kind: prismatic, a: 0, alpha: 0, d: 0, lower: 0, upper: 200}
+  - {name: j4, a: 0, alpha: 0, d: 50, lower: -360, upper: 360}
+"""
+
+
+@pytest.mark.parametrize("sigma_deg", [None, 0.005])
+def test_a_scara_whose_axes_are_all_parallel(sigma_deg: float | None, tmp_path: Path) -> None:
+    file = tmp_path / "scara.yaml"
+    file.write_text(SCARA)
+    rng = np.random.default_rng(4)
+    simulated = simulate_arm(read_robot(file).chain, rng, sigma_mm=0.5, sigma_deg=0.1)
+    data = measure(simulated, simulated.draw_joints(rng, 40), rng, sigma_mm=0.05, sigma_deg=sigma_deg)
+    calibration = calibrate_kinematics(data, simulated.nominal)
+    # Twice what 40 poses of such an arm leave in the median, 0.03 mm.
+    assert rms(new_errors_mm(calibration.model, simulated, rng)) < 0.06
 
 
 def test_without_noise_the_truth_is_found_exactly() -> None:

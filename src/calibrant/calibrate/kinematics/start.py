@@ -43,11 +43,12 @@ def base_and_tool(
         return se3.mean(T @ se3.inverse(forward)), np.eye(4)
     try:
         solution = SOLVERS["shah"].solve(forward, se3.inverse(T))
-    except RefusedError as error:
-        raise RefusedError(
-            f"the motions do not determine where base and tool are: {error}; hold one of them (--hold tool), or add "
-            "poses that turn the tool about several axes"
-        ) from error
+    except RefusedError:
+        # A SCARA turns about one direction alone: how far base and tool are along it is one number, not two, which the
+        # choice of parameters sees to; a start is any pair that fits.
+        base, point = _from_positions(forward, measurements.positions, hold_base=False, hold_tool=False)
+        turn = so3.mean(np.swapaxes(base[:3, :3] @ forward[:, :3, :3], -1, -2) @ measurements.rotations)
+        return base, se3.make(turn, point[:3, 3])
     return se3.inverse(solution.Z), solution.X
 
 

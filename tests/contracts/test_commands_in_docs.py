@@ -1,0 +1,51 @@
+"""Every command has an example line in the docs, and every example line names commands and options that exist."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+
+from calibrant.cli.application import app
+
+DOCS = Path(__file__).parents[2] / "docs"
+LINE = re.compile(r"^(?: {4})?(calibrant [a-z].*)$", re.MULTILINE)
+
+
+def commands() -> dict[tuple[str, ...], Any]:
+    """Every command by its words, ("tool", "touch")."""
+    out: dict[tuple[str, ...], Any] = {}
+    for name, command in typer.main.get_command(app).commands.items():  # type: ignore[attr-defined]
+        below = getattr(command, "commands", None)
+        out |= {(name,): command} if below is None else {(name, n): c for n, c in below.items()}
+    return out
+
+
+def lines() -> list[tuple[str, list[str]]]:
+    found = []
+    for file in sorted(DOCS.glob("*.md")):
+        for text in LINE.findall(file.read_text(encoding="utf-8")):
+            found.append((file.name, shlex.split(text, comments=True)[1:]))
+    return found
+
+
+def words_of(words: list[str]) -> tuple[str, ...] | None:
+    return next((key for key in commands() if tuple(words[: len(key)]) == key), None)
+
+
+def test_every_command_has_an_example_line() -> None:
+    shown = {words_of(words) for name, words in lines() if name == "commands.md"}
+    missing = sorted(" ".join(key) for key in commands() if key not in shown and key[0] != "study")
+    assert not missing
+
+
+@pytest.mark.parametrize(("file", "words"), lines(), ids=lambda value: value if isinstance(value, str) else None)
+def test_example_lines_use_options_that_exist(file: str, words: list[str]) -> None:
+    key = words_of(words)
+    assert key is not None, f"{file}: no command {' '.join(words[:2])}"
+    known = {o for p in commands()[key].params for o in (*p.opts, *p.secondary_opts)}
+    assert {w for w in words if w.startswith("--")} <= known

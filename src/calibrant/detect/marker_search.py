@@ -21,6 +21,11 @@ SMOOTH_PX = 3
 """A copy at full size is smoothed over this many pixels: noise there would make outlines of its own."""
 
 
+THIN = 0.3
+"""Part of the way from ink to paper, below the middle: strips of paper a pixel or two wide, grey in a blurred picture,
+still part a marker from the squares around it."""
+
+
 @dataclass(frozen=True)
 class Effort:
     """How markers are looked for: in a picture smaller by `factor`, with edges of at least `contrast` grey levels.
@@ -43,7 +48,7 @@ def efforts(shape: tuple[int, ...], coarse_side_px: int, ink: Ink = "dark", *, p
         factors.append(factors[-1] // 2)
     # Where edges are faint noise is as strong as they are, except in a smaller copy.
     clear = [Effort(f, CLEAR, ink, part) for f in factors]
-    return [*clear, Effort(factor, FAINT, ink, part)]
+    return [*clear, Effort(factor, FAINT, ink, part), Effort(1, CLEAR, ink, min(part, THIN))]
 
 
 def find_quads_at(grey: Grey, effort: Effort) -> np.ndarray:

@@ -112,3 +112,65 @@ def test_bad_refinements_are_named(calibrant, cell, options: tuple[str, ...], wo
     outcome = calibrant("detect", *cell.photos[:1], "--target", TARGET, *options)
     assert outcome.status == 2
     assert words in outcome.err
+
+
+def test_bad_images_cost_themselves_alone(calibrant, cell, tmp_path: Path) -> None:
+    photo = cv2.imread(str(cell.photos[0]))
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    cv2.imwrite(str(folder / "good.png"), photo)
+    cv2.imwrite(str(folder / "four_channels.png"), cv2.cvtColor(photo, cv2.COLOR_BGR2BGRA))
+    cv2.imwrite(str(folder / "one_bit.png"), photo[..., 0] // 128 * 255, [cv2.IMWRITE_PNG_BILEVEL, 1])
+    picture = b"\x21\xf9\x04\0\0\0\0\0\x2c\0\0\0\0\x02\0\x02\0\0\x02\x03\x04\x02\x05\0"
+    head = b"GIF89a\x02\0\x02\0\x80\0\0\0\0\0\xff\xff\xff"
+    (folder / "moving.gif").write_bytes(head + 2 * picture + b";")
+    (folder / "nothing.png").touch()
+    (folder / "no_size.pgm").write_bytes(b"P5\n0 0\n255\n")
+    (folder / "cut.png").write_bytes((folder / "good.png").read_bytes()[:300])
+    outcome = calibrant("detect", folder, "--target", TARGET, "--cache", "none")
+    assert outcome.status == 0, outcome.err
+    said = {line.split()[0]: line for line in outcome.out.splitlines() if line and "." in line.split()[0]}
+    for name in ("good.png", "four_channels.png", "one_bit.png"):
+        assert "of 42" in said[name]
+    assert "holds 2 pictures" in outcome.out
+    assert "is empty" in outcome.out
+    assert "is cut off" in outcome.out
+    assert "not found" in said["no_size.pgm"]
+    for name in ("good.png", "four_channels.png", "one_bit.png"):
+        (folder / name).unlink()
+    alone = calibrant("detect", folder, "--target", TARGET, "--cache", "none")
+    assert (alone.status, alone.out) == (2, "")
+    assert "none of 4 images can be read" in alone.err
+
+
+def test_sources_without_pictures_are_named(calibrant, tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "broken.mp4").write_bytes(b"no video")
+    for source, words in (
+        ("empty", "holds no images"),
+        ("broken.mp4", "cannot be read"),
+        ("gone.png", "does not exist"),
+    ):
+        outcome = calibrant("detect", tmp_path / source, "--target", TARGET)
+        assert (outcome.status, outcome.out) == (2, ""), source
+        assert words in outcome.err
+        assert source in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("spec", "words"),
+    [
+        ("charuco:5x7:30mm:40mm:DICT_6X6_250", "marker"),
+        ("chessboard:1x1:25mm", "1x1"),
+        ("charuco:5x7:30mm:20mm:DICT_3X3_9", "DICT_3X3_9"),
+        ("chessboard:9x6:25", "25"),
+        ("marker:50mm:DICT_4X4_50:999", "999"),
+        ("circles:1x1:20mm", "1x1"),
+        ("aprilgrid:6x6:88:0.3:36h11", "88"),
+    ],
+)
+def test_impossible_boards_are_named(calibrant, cell, spec: str, words: str) -> None:
+    outcome = calibrant("detect", cell.photos[0], "--target", spec)
+    assert (outcome.status, outcome.out) == (2, "")
+    assert words in outcome.err
+    assert "Traceback" not in outcome.err

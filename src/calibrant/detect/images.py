@@ -18,7 +18,7 @@ from calibrant.errors import InputError
 
 EXTENSIONS = (
     *(".png", ".jpg", ".jpeg", ".jpe", ".bmp", ".dib", ".tif", ".tiff", ".webp", ".jp2"),
-    *(".pbm", ".pgm", ".ppm", ".pnm", ".sr", ".ras"),
+    *(".pbm", ".pgm", ".ppm", ".pnm", ".sr", ".ras", ".gif"),
 )
 """What a folder is searched for; a file that is named is read whatever its name."""
 _SUN_RASTER = b"\x59\xa6\x6a\x95"

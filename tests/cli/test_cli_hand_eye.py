@@ -252,3 +252,25 @@ def test_pose_pairs_of_a_real_cell_in_the_right_setup_and_the_wrong(
     position = 1e3 * np.array(result["transforms"][0]["matrix"])[:3, 3]
     assert np.linalg.norm(position - [659.5, -250.1, 830.3]) < 1.5
     refused(calibrant("hand-eye", "--poses", pairs, "--setup", "eye-in-hand"), 1, "--setup eye-to-hand")
+
+
+def test_a_closed_form_by_name(calibrant, tmp_path: Path) -> None:
+    scene = hand_eye_scene("good", setup="eye-to-hand", seed=5)
+    path = pose_pairs(tmp_path / "pairs.json", scene.robot_poses.T_base_gripper, scene.measured_T_camera_target)
+    joint = json.loads(calibrant("hand-eye", "--poses", path, "--json").out)
+    for method in ("park", "tsai", "mean"):
+        result = json.loads(calibrant("hand-eye", "--poses", path, "--method", method, "--json").out)
+        assert result["transforms"][0]["matrix"] == joint["methods"][method]["matrix"]
+        assert result["transforms"][0].get("covariance") is None
+        assert result["verdict"] == "warn"
+        assert any(c["name"] == "method" and method in c["message"] for c in result["checks"])
+
+
+def test_methods_that_cannot_be(calibrant, tmp_path: Path) -> None:
+    scene = hand_eye_scene("good", setup="eye-to-hand", seed=5)
+    path = pose_pairs(tmp_path / "pairs.json", scene.robot_poses.T_base_gripper, scene.measured_T_camera_target)
+    refused(
+        calibrant("hand-eye", "--poses", path, "--method", "ransack"), 2, "unknown method 'ransack'; known: joint, tsai"
+    )
+    volume = ("--workspace", "100mm:200mm,100mm:200mm,100mm:200mm")
+    refused(calibrant("hand-eye", "--poses", path, "--method", "park", *volume), 2, "--workspace")

@@ -43,6 +43,13 @@ def hand_eye(
             help="With --robot and joint values: find the robot's own errors too: offsets, gear, coupling, geometry.",
         ),
     ] = None,
+    method: Annotated[
+        str,
+        typer.Option(
+            "--method",
+            help="joint (weighs pixels and robot, states its uncertainty), or a closed form: tsai, park, horaud, …",
+        ),
+    ] = "joint",
     workspace: p.Workspace = None,
     tolerance: p.Tolerance = None,
     target_sigma: p.TargetSigma = None,
@@ -98,6 +105,7 @@ def hand_eye(
         quiet=quiet or json,
         refinement=o.refinement(refine, window, zero_zone) if images or asked != ("saddle", None, None) else None,
         arm=RobotChoice(robot, robot_link, robot_base, joint_angle, robot_format),
+        method=method,
         workspace=workspace,
         tolerance=tolerance,
         target_sigma=target_sigma,

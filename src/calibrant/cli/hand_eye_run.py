@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from calibrant.cli import hand_eye_data, session
 from calibrant.cli.hand_eye_data import named_files as named_files
-from calibrant.errors import RefusedError
+from calibrant.errors import InputError, RefusedError
 
 if TYPE_CHECKING:
     from calibrant.data import CalibrationResult, Check
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 class Request(hand_eye_data.Request):
     """The command's arguments, as given."""
 
+    method: str = "joint"
     workspace: str | None = None
     tolerance: str | None = None
     target_sigma: str | None = None
@@ -27,10 +28,13 @@ class Request(hand_eye_data.Request):
 
 def calibrate(request: Request) -> CalibrationResult:
     """Run the whole command. Raises: InputError, RefusedError as the parts do."""
+    from calibrant.calibrate.hand_eye.by_method import JOINT, require_method
     from calibrant.calibrate.hand_eye.calibrate import calibrate_hand_eye
     from calibrant.diagnose.workspace_volume import check_request
 
     check_request(request.workspace, request.tolerance, request.target_sigma)
+    if require_method(request.method) != JOINT and request.workspace is not None:
+        raise InputError(f"--workspace needs an uncertainty, which {request.method} does not state; leave --method out")
     data = hand_eye_data.read(request)
     with session.status("Examining the data …", quiet=request.quiet):
         diagnosis = hand_eye_data.diagnose(data, request)
@@ -44,6 +48,7 @@ def calibrate(request: Request) -> CalibrationResult:
             camera=data.camera,
             model=request.model,
             fix=request.fix,
+            method=request.method,
         )
     return _complete(session.with_misses(result), diagnosis, data, request)
 

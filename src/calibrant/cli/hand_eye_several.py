@@ -158,6 +158,7 @@ def named_files(request: SeveralRequest) -> list[str]:
 
 def calibrate(request: SeveralRequest) -> CalibrationResult:
     """Run the whole command. Raises: InputError, RefusedError as the parts do."""
+    from calibrant.calibrate.hand_eye.by_method import JOINT, require_method
     from calibrant.calibrate.hand_eye.several import calibrate_several
     from calibrant.calibrate.hand_eye.several_setting import ONLY_ROBOT
     from calibrant.data import verdict_of
@@ -166,6 +167,10 @@ def calibrate(request: SeveralRequest) -> CalibrationResult:
 
     common = request.common
     check_request(common.workspace, common.tolerance, common.target_sigma)
+    if require_method(common.method) != JOINT:
+        raise InputError(
+            f"--method {common.method}: a closed form knows one camera on one robot; the report lists all of them"
+        )
     if request.identify and common.workspace is not None:
         raise InputError(
             "--workspace is not available with --identify: the result file does not hold what the offsets add to it; "

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calibrant.calibrate.hand_eye import checks as questions
+from calibrant.calibrate.hand_eye.by_method import JOINT, answered_by, require_method
 from calibrant.calibrate.hand_eye.consistency import inconsistent_views
 from calibrant.calibrate.hand_eye.held_out import leave_out
 from calibrant.calibrate.hand_eye.joint import (
@@ -84,16 +85,19 @@ def calibrate_hand_eye(
     camera: Camera | None = None,
     model: str = "brown",
     fix: Sequence[str] = (),
+    method: str = JOINT,
 ) -> CalibrationResult:
     """Calibrate where the camera is: on the gripper (eye-in-hand) or beside the robot (eye-to-hand).
 
     T_base_gripper: robot poses, RobotPoses or (n, 4, 4), metres. target: T_camera_target (n, 4, 4), or Observations of
     one camera whose views carry the poses' ids. camera: known intrinsics, with their covariance where it is known;
-    without it the same images calibrate the camera (`model`, `fix`).
+    without it the same images calibrate the camera (`model`, `fix`). method: "joint", the weighted refinement, or a
+    closed form, whose transforms come without covariance (`by_method.METHODS`).
     Returns a CalibrationResult of kind "hand-eye". Raises: InputError for unusable input; RefusedError when the poses
     cannot determine the result or contradict it, naming why.
     """
     chosen = get_setup(setup)
+    require_method(method)
     poses = T_base_gripper if isinstance(T_base_gripper, RobotPoses) else RobotPoses.from_matrices(T_base_gripper)
     if isinstance(target, Observations):
         observations = named_by_poses(target, poses, given_ids=isinstance(T_base_gripper, RobotPoses))
@@ -112,9 +116,10 @@ def calibrate_hand_eye(
         raise RefusedError(f"{setup_answer.name}: {setup_answer.message}")
     joint = _refine(chosen, data, seed, role, sigma_px)
     size = _size(chosen, data, joint, None if role is None else role.camera)
-    return _result(
+    result = _result(
         chosen, poses, observations, joint, seed, report, setup_answer, size, fix=fix, camera_given=camera is not None
     )
+    return result if method == JOINT else answered_by(result, method, *_pairs(chosen, joint.data))
 
 
 def _require_poses(data: HandEyeViews) -> None:

@@ -197,6 +197,8 @@ def case_of_views(
 ) -> Case:
     """A case of views whose moments carry the poses' ids. Raises: InputError as `from_observations`."""
     data = from_observations(poses, observations, camera)
+    # A view too weak to calibrate from still says whose pose it has; its deviation counts for what it is worth.
+    data = replace(data, use=np.isfinite(data.certainty))
     return Case(get_setup(setup), data, observations, camera, camera_given, times)
 
 

@@ -121,7 +121,9 @@ def main() -> None:
     cv2.setNumThreads(1)
     stereo = options.data / "opencv_stereo_9x6"
     if stereo.is_dir():
-        measure("opencv_stereo_9x6", [load_grey(f) for f in expand(stereo)])
+        images = [load_grey(f) for f in expand(stereo)]
+        measure("opencv_stereo_9x6", images)
+        measure_workers(images, 20)
     else:
         print(f"{stereo} not found: real images left out")
     for width, height in ((1280, 720), (1920, 1080)):

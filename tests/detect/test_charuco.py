@@ -226,3 +226,14 @@ def test_a_negative_is_found_in_real_frames(shared_data: Callable[[str], Path]) 
         found = detect(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY), target)
         assert len(found.point_ids) >= 8
         assert found.notes == ("The board is a negative: add :inverted in the spec to say so.",)
+
+
+def test_thin_paper_around_the_markers_does_not_hide_them() -> None:
+    # Strips of one pixel between each marker and the squares beside it, grey after a blur of as much.
+    for inverted in (False, True):
+        thin = Charuco(4, 5, 0.04, 0.038, "DICT_4X4_50", inverted=inverted)
+        quad = 0.7 * np.array([[60.0, 20.0], [330.0, 25.0], [325.0, 345.0], [65.0, 340.0]])
+        image, truth = photograph(thin, facing(thin, quad=quad), blur_px=1.0)
+        found = detect(image, thin)
+        assert len(found.point_ids) >= 4
+        assert errors(found, truth).max() < 2.0

@@ -20,7 +20,7 @@ from calibrant.detect.charuco_corners import Corners, corner_anchors, corners_at
 from calibrant.detect.charuco_reasons import why_not_found
 from calibrant.detect.codes import read_codes
 from calibrant.detect.detection import Detection, Grey
-from calibrant.detect.marker_search import efforts, find_quads_at
+from calibrant.detect.marker_search import CLEAR, THIN, Effort, Ink, efforts, find_quads_at
 from calibrant.detect.markers import agreeing_group, is_negative, read_markers
 from calibrant.detect.opencv import Markers
 from calibrant.detect.refinement import DEFAULT, Refinement
@@ -83,10 +83,13 @@ class CharucoDetector:
 def _searches(grey: Grey, target: Charuco) -> Iterator[tuple[Markers, np.ndarray]]:
     """Markers found with more and more effort, and the quadrilaterals they were read from.
 
-    In the whole picture, then where some were seen.
+    In the whole picture, then where some were seen; where one was, others may hide behind thin paper.
     """
     seen = Markers.of((), None)
-    for effort in efforts(grey.shape, COARSE_SIDE_PX, "light" if target.inverted else "dark"):
+    ink: Ink = "light" if target.inverted else "dark"
+    for effort in (*efforts(grey.shape, COARSE_SIDE_PX, ink), Effort(1, CLEAR, ink, THIN)):
+        if effort.part == THIN and not np.any(seen.ids < target.marker_count):
+            return
         low, part = _region(grey, target, seen)
         quads = find_quads_at(part, effort) + low
         markers = read_codes(grey, quads, target.dictionary)

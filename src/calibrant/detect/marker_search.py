@@ -48,7 +48,7 @@ def efforts(shape: tuple[int, ...], coarse_side_px: int, ink: Ink = "dark", *, p
         factors.append(factors[-1] // 2)
     # Where edges are faint noise is as strong as they are, except in a smaller copy.
     clear = [Effort(f, CLEAR, ink, part) for f in factors]
-    return [*clear, Effort(factor, FAINT, ink, part), Effort(1, CLEAR, ink, min(part, THIN))]
+    return [*clear, Effort(factor, FAINT, ink, part)]
 
 
 def find_quads_at(grey: Grey, effort: Effort) -> np.ndarray:

@@ -43,11 +43,11 @@ def demo(
     end each figure stands beside its predicted uncertainty and beside the truth, which only a simulation knows.
     """
     from calibrant.cli.demo_chain import result_json, run_demo
-    from calibrant.data.result_encoding import format_json, plain
+    from calibrant.data.result_encoding import format_json
 
     outcome = run_demo(out, seed=seed, views=views, setup=setup.value, quiet=quiet or json)
     if json:
-        typer.echo(format_json(plain(result_json(outcome), "result")))
+        typer.echo(format_json(result_json(outcome)))
     elif not quiet:
         _print(outcome, out)
     return 1 if outcome.hand_eye.verdict == "refused" else 0

@@ -213,7 +213,6 @@ def _with_target_poses(request: Request, raw: RawPoses) -> PairedData:
         )
     names, pose_index, target_index, pairing = _pair(raw, target, request.exclude)
     B = np.asarray(readings(target, direction="base-gripper")[0].T_base_gripper)[target_index]
-    session.load_solver(quiet=request.quiet)
     complete = tuple(r.take(pose_index, names) for r in readings(raw))
     files = (*request.poses, *request.target_poses)
     return PairedData(complete, pairing, files, T_camera_target=B, raw=raw, pose_index=tuple(pose_index))

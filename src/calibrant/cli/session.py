@@ -105,7 +105,7 @@ def status(text: str, *, quiet: bool) -> Iterator[None]:
 
 
 def load_solver(*, quiet: bool) -> None:
-    """Load the compiled kernels; the first run on a machine compiles them, which a person should know."""
+    """Load the kernels for photos; the first run on a machine compiles them, which a person should know."""
     with status("Loading the solver (the first run compiles it, which takes up to a minute) …", quiet=quiet):
         from calibrant.calibrate import planar_kernels, reprojection_kernels
         from calibrant.optimize import linear_kernels

@@ -127,32 +127,62 @@ def _encode_observations(observations: Observations) -> Json:
     )
 
 
-def plain(value: Any, where: str) -> Any:
-    """The value in JSON's own types. Raises: InputError naming the place of a number that is not finite."""
+def format_json(value: Any, where: str = "result") -> str:
+    """JSON with a line for each key and each record, and every array of numbers on one line.
+
+    Raises: InputError naming the place of a number that is not finite, or of what JSON cannot hold.
+    """
+    try:
+        return _lines(value, 0, {})
+    except (TypeError, ValueError):
+        # The encoder does not say where; only then is every value looked at by itself.
+        _refuse_unfit(value, where)
+        raise
+
+
+def _lines(value: Any, depth: int, known: dict[tuple[Any, ...], str]) -> str:
+    """`format_json` at a depth. known: the text of arrays, of which the same ones (a board's points) come in each view."""
+    pad = "  " * (depth + 1)
+    if isinstance(value, np.ndarray):
+        key = (value.tobytes(), value.shape, value.dtype.str)
+        text = known.get(key)
+        if text is None:
+            text = known[key] = _ENCODER.encode(value.tolist())
+        return text
+    if isinstance(value, Mapping) and value:
+        lines = [f"{pad}{_ENCODER.encode(str(key))}: {_lines(item, depth + 1, known)}" for key, item in value.items()]
+        return "{\n" + ",\n".join(lines) + "\n" + "  " * depth + "}"
+    if isinstance(value, list | tuple) and any(isinstance(item, Mapping) for item in value):
+        lines = [pad + _lines(item, depth + 1, known) for item in value]
+        return "[\n" + ",\n".join(lines) + "\n" + "  " * depth + "]"
+    return _ENCODER.encode(value)
+
+
+def _in_own_types(value: Any) -> Any:
+    """What JSON has a type for, of what it does not know itself. Raises: TypeError."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return dict(value)
+    if isinstance(value, PurePath):
+        return str(value)
+    raise TypeError(type(value).__name__)
+
+
+_ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False, default=_in_own_types)
+
+
+def _refuse_unfit(value: Any, where: str) -> None:
+    """Raises: InputError naming the first place whose value JSON cannot hold."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, Mapping):
-        return {str(key): plain(item, f"{where}.{key}") for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item, f"{where}[{i}]") for i, item in enumerate(value)]
-    if isinstance(value, PurePath):
-        return str(value)
-    if isinstance(value, float) and not np.isfinite(value):
+        for key, item in value.items():
+            _refuse_unfit(item, f"{where}.{key}")
+    elif isinstance(value, list | tuple):
+        for i, item in enumerate(value):
+            _refuse_unfit(item, f"{where}[{i}]")
+    elif isinstance(value, float) and not np.isfinite(value):
         raise InputError(f"{where} is {value}: a result file holds finite numbers only; nothing was written")
-    if value is None or isinstance(value, str | bool | int | float):
-        return value
-    raise InputError(f"{where} is a {type(value).__name__}, which JSON cannot hold; nothing was written")
-
-
-def format_json(value: Any, depth: int = 0) -> str:
-    """JSON with a line for each key and each record, and every array of numbers on one line."""
-    pad = "  " * (depth + 1)
-    if isinstance(value, dict) and value:
-        lines = [
-            f"{pad}{json.dumps(key, ensure_ascii=False)}: {format_json(item, depth + 1)}" for key, item in value.items()
-        ]
-        return "{\n" + ",\n".join(lines) + "\n" + "  " * depth + "}"
-    if isinstance(value, list) and any(isinstance(item, dict) for item in value):
-        lines = [pad + format_json(item, depth + 1) for item in value]
-        return "[\n" + ",\n".join(lines) + "\n" + "  " * depth + "]"
-    return json.dumps(value, ensure_ascii=False, allow_nan=False)
+    elif not (value is None or isinstance(value, str | bool | int | float | PurePath)):
+        raise InputError(f"{where} is a {type(value).__name__}, which JSON cannot hold; nothing was written")

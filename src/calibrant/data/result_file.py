@@ -15,7 +15,7 @@ from typing import Any
 
 from calibrant.data.observations import Observations
 from calibrant.data.result_decoding import decode, refuse_constant
-from calibrant.data.result_encoding import FORMAT, encode, format_json, plain
+from calibrant.data.result_encoding import FORMAT, encode, format_json
 from calibrant.data.results import CalibrationResult
 from calibrant.errors import InputError
 
@@ -30,7 +30,7 @@ def write_result(result: CalibrationResult, path: str | Path, *, force: bool = F
 
 def result_text(result: CalibrationResult) -> str:
     """The result as JSON text of format calibrant/1. Raises: InputError when a number is not finite."""
-    return format_json(plain(encode(result), "result"))
+    return format_json(encode(result))
 
 
 def read_result(path: str | Path) -> CalibrationResult:

@@ -19,9 +19,9 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import fdtrc
 
 from calibrant.calibrate.hand_eye.motion import motion_report
+from calibrant.calibrate.tails import f_tail
 from calibrant.data import Check
 from calibrant.diagnose.hypotheses import (
     CONSISTENT,
@@ -125,7 +125,7 @@ def _f_test(better: Alternative, worse: Alternative) -> tuple[float, float]:
     ratio_mm = (worse.loop_rms_mm + FLOOR_MM) / (better.loop_rms_mm + FLOOR_MM)
     ratio_deg = (worse.loop_rms_deg + FLOOR_DEG) / (better.loop_rms_deg + FLOOR_DEG)
     ratio = max(ratio_mm, ratio_deg)
-    return ratio, min(1.0, 2 * float(fdtrc(free, free, ratio**2)))
+    return ratio, min(1.0, 2 * float(f_tail(free, free, ratio**2)))
 
 
 def _clearly_better(best: Alternative, stated: Alternative) -> bool:

@@ -16,8 +16,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
-from scipy.special import gammaincc
 
 from calibrant.data import CalibrationResult, Check, View, ViewResult
 from calibrant.errors import InputError
@@ -33,6 +31,8 @@ _LEAST_POINTS = 150
 """Fewer points fill too few cells to tell structure from noise."""
 _OUTLIER_SIGMAS = 5.0
 """Gaussian noise passes it once in two million: what lies beyond is a fault of its own, reported elsewhere."""
+_ALL_WITH_ALL = 500
+"""Points of a view up to which all distances are faster than a tree, whose library takes longer to load than that."""
 _SIGNIFICANCE = 1e-4
 """One false alarm in ten thousand calibrations."""
 _LEAST_SHARE = 0.2
@@ -181,8 +181,21 @@ def _map_share(uv: Array, e: Array, image_size: tuple[int, int]) -> tuple[float,
         return 0.0, 1.0
     statistic = float(np.sum(sums[good] ** 2 / n[good, None]))
     freedom = 2 * int(good.sum())
+    from scipy.special import gammaincc
+
     share = (statistic - freedom) / (2 * float(n[good].sum()))
     return share, float(gammaincc(freedom / 2, statistic / 2))
+
+
+def _nearest_neighbour(uv: Array) -> NDArray[np.intp]:
+    """Row of each pixel's nearest other one, (n,)."""
+    if len(uv) > _ALL_WITH_ALL:
+        from scipy.spatial import cKDTree
+
+        return np.asarray(cKDTree(uv).query(uv, k=2)[1])[:, 1]
+    squares = np.sum((uv[:, None] - uv) ** 2, axis=-1)
+    np.fill_diagonal(squares, np.inf)
+    return np.argmin(squares, axis=1)
 
 
 def _neighbour_share(kept: list[tuple[Array, Array]]) -> tuple[float, float]:
@@ -191,7 +204,7 @@ def _neighbour_share(kept: list[tuple[Array, Array]]) -> tuple[float, float]:
     for uv, e in kept:
         if len(uv) < 2:
             continue
-        nearest = np.asarray(cKDTree(uv).query(uv, k=2)[1])[:, 1]
+        nearest = _nearest_neighbour(uv)
         # A mutual pair would be counted twice and look like twice the evidence.
         i = np.arange(len(uv))
         once = (nearest[nearest] != i) | (i < nearest)
@@ -199,6 +212,8 @@ def _neighbour_share(kept: list[tuple[Array, Array]]) -> tuple[float, float]:
         pairs += int(once.sum())
     if pairs == 0:
         return 0.0, 1.0
+    from scipy.special import gammaincc
+
     correlation = products / (2 * pairs)
     z = correlation * np.sqrt(2 * pairs)  # each product of two unit normals has variance 1
     return correlation, float(0.5 * gammaincc(0.5, z * z / 2)) if z > 0 else 1.0

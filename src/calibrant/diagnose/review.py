@@ -5,14 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 from calibrant.data import CalibrationResult, verdict_of
-from calibrant.diagnose.coverage import with_coverage_checks
-from calibrant.diagnose.residuals import fitted_poses, structure_check, view_residuals
 
 
 def review(result: CalibrationResult) -> CalibrationResult:
     """The result with the checks that its observations answer; a warning turns the verdict "ok" to "warn"."""
     if result.observations is None or not result.cameras:
         return result
+    from calibrant.diagnose.coverage import with_coverage_checks
+    from calibrant.diagnose.residuals import fitted_poses, structure_check, view_residuals
+
     known = {c.name for c in result.checks}
     checks = list(result.checks)
     residuals = view_residuals(result, fitted_poses(result))

@@ -27,7 +27,6 @@ from calibrant.calibrate.hand_eye.joint import (
 from calibrant.calibrate.hand_eye.loop_noise import LoopNoise
 from calibrant.calibrate.hand_eye.loops import loop_errors
 from calibrant.calibrate.hand_eye.motion import MotionReport, motion_report
-from calibrant.calibrate.hand_eye.photos import named_by_poses, prepare_photos
 from calibrant.calibrate.hand_eye.seed import (
     Seed,
     best_seed,
@@ -100,6 +99,8 @@ def calibrate_hand_eye(
     require_method(method)
     poses = T_base_gripper if isinstance(T_base_gripper, RobotPoses) else RobotPoses.from_matrices(T_base_gripper)
     if isinstance(target, Observations):
+        from calibrant.calibrate.hand_eye.photos import named_by_poses, prepare_photos  # not needed for pose pairs
+
         observations = named_by_poses(target, poses, given_ids=isinstance(T_base_gripper, RobotPoses))
         photos = prepare_photos(poses, observations, camera, model, fix)
         data, role, sigma_px = photos.data, photos.role, photos.sigma_px

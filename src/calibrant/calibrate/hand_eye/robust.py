@@ -14,14 +14,15 @@ Everything is drawn from a seeded generator: the same data give the same answer.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import lgamma
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import fdtrc, gammaln
 
 from calibrant.calibrate.hand_eye.loop_fit import LoopFit, fit_loop
 from calibrant.calibrate.hand_eye.loops import loop_consistency
 from calibrant.calibrate.hand_eye.relative import odd_part
+from calibrant.calibrate.tails import f_tail
 from calibrant.geometry import se3, so3
 
 Array = NDArray[np.float64]
@@ -213,7 +214,7 @@ def noise_freedom(fit: LoopFit) -> float:
 
 def p_values(fit: LoopFit) -> Array:
     """(n,) chance of each view's deviation from noise alone."""
-    return np.asarray(fdtrc(6, noise_freedom(fit), np.maximum(fit.statistic, 0.0)), dtype=np.float64)
+    return f_tail(6, noise_freedom(fit), np.maximum(fit.statistic, 0.0))
 
 
 def judged(fit: LoopFit) -> NDArray[np.bool_]:
@@ -236,6 +237,6 @@ def chosen_by_chance(fit: LoopFit) -> bool:
     """
     n, k = len(fit.used), int((~fit.used).sum())
     mean = float(fit.statistic[~fit.used].mean())
-    log_p = float(np.log(max(fdtrc(6 * k, noise_freedom(fit), mean), 1e-300)))
-    choices = gammaln(n + 1) - gammaln(k + 1) - gammaln(n - k + 1)
-    return log_p + float(choices) > np.log(OUTLIER_P)
+    log_p = float(np.log(max(float(f_tail(6 * k, noise_freedom(fit), mean)), 1e-300)))
+    choices = lgamma(n + 1) - lgamma(k + 1) - lgamma(n - k + 1)
+    return log_p + choices > np.log(OUTLIER_P)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.target_poses import target_poses
 from calibrant.cameras import Camera
 from calibrant.data import Observations, RobotPoses, View, ViewResult
 from calibrant.errors import InputError
@@ -72,6 +71,8 @@ class HandEyeViews:
         """The same with the target poses of the used views found again by another camera."""
         if self.views is None:
             return self
+        from calibrant.calibrate.target_poses import target_poses  # not needed for pose pairs
+
         found = target_poses(camera, [v for v, use in zip(self.views, self.use) if use])
         B, covariance = self.B.copy(), self.covariance.copy()
         B[self.use], covariance[self.use] = found.T_camera_target, found.covariance
@@ -137,6 +138,8 @@ def from_observations(
 
     sigma_px: noise per axis; by default what the typical view's residuals show.
     """
+    from calibrant.calibrate.target_poses import target_poses  # not needed for pose pairs
+
     _, matched = match_views(poses, observations)
     views = list(observations.views)
     enough = np.array([len(v) >= MINIMUM_POINTS for v in views])

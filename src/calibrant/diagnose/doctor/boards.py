@@ -13,9 +13,9 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import fdtrc
 
 from calibrant.calibrate.hand_eye.robust import log_misfit, noise_freedom
+from calibrant.calibrate.tails import f_tail
 from calibrant.diagnose.doctor.case import Case, loop_of
 from calibrant.diagnose.doctor.finding import Evidence, Finding
 from calibrant.diagnose.doctor.significance import CONVINCING, confidence
@@ -77,13 +77,13 @@ def _turned(case: Case, k: int, symmetry: Symmetry) -> tuple[Array, float]:
     if symmetry.middle is not None:
         F = symmetry.F(symmetry.middle)
         d = se3.local(case.robust.Z, A @ case.robust.X @ B @ F)
-        return F, float(fdtrc(6, freedom, np.sum((d / sigma) ** 2) / 6))
+        return F, float(f_tail(6, freedom, np.sum((d / sigma) ** 2) / 6))
     # A X B F = Z with F = (R, f): f = t of (A X B)^-1 Z, of which only the part in the plane is free.
     wanted = se3.inverse(A @ case.robust.X @ B) @ case.robust.Z
     R = so3.exp([0.0, 0.0, symmetry.turn])
     F = se3.make(R, wanted[:3, 3] * [1, 1, 0])
     d = se3.local(case.robust.Z, A @ case.robust.X @ B @ F)
-    return F, float(fdtrc(4, freedom, np.sum((d / sigma) ** 2) / 4))
+    return F, float(f_tail(4, freedom, np.sum((d / sigma) ** 2) / 4))
 
 
 def _finding(case: Case, symmetry: Symmetry, turned: list[tuple[int, Array, float]]) -> Finding:

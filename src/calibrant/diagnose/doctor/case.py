@@ -8,13 +8,13 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import fdtrc
 
 from calibrant.calibrate.hand_eye.loop_noise import LoopNoise
 from calibrant.calibrate.hand_eye.robust import OUTLIER_P, RobustFit, log_misfit, robust_fit
 from calibrant.calibrate.hand_eye.setup import Setup, get_setup
 from calibrant.calibrate.hand_eye.target_size import target_size
 from calibrant.calibrate.hand_eye.views import HandEyeViews, from_observations, from_target_poses
+from calibrant.calibrate.tails import f_tail
 from calibrant.cameras import Camera
 from calibrant.data import Missed, Observations, RobotPoses, View
 from calibrant.diagnose.doctor.finding import Loop
@@ -204,7 +204,7 @@ def case_of_views(
 
 def _beyond(fit: LoopNoise) -> NDArray[np.bool_]:
     """Views whose deviation none of the sources explains: F(6, freedom), all views counted."""
-    p = fdtrc(6, max(fit.freedom, 1.0), np.maximum(fit.statistic / 6, 0.0))
+    p = f_tail(6, max(fit.freedom, 1.0), np.maximum(fit.statistic / 6, 0.0))
     return np.asarray(p * len(p) < OUTLIER_P)
 
 

@@ -7,18 +7,19 @@ Only the corners are used for calibration, so that a wrong marker size misleads 
 from __future__ import annotations
 
 from itertools import islice
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from calibrant.data import Measured, View
 from calibrant.diagnose.doctor.case import Case
 from calibrant.diagnose.doctor.finding import Finding
 from calibrant.errors import CalibrantError
 from calibrant.geometry import se3
-from calibrant.targets.charuco import Charuco
-from calibrant.targets.registry import parse_target
+
+if TYPE_CHECKING:
+    from calibrant.targets.charuco import Charuco
 
 Array = NDArray[np.float64]
 
@@ -41,6 +42,8 @@ def examine(case: Case) -> list[Finding]:
     found, pixels = (np.concatenate([np.zeros(0), *part]) for part in zip(*measured))
     if len(found) < LEAST_SIDES:
         return []
+    from scipy.special import stdtrit
+
     value = float(np.median(found))
     sigma = 1.4826 * float(np.median(np.abs(found - value))) / np.sqrt(len(found))
     unsure = UNSURE_SHARE + UNSURE_PX / float(np.median(pixels))
@@ -61,6 +64,9 @@ def _charuco(case: Case) -> Charuco | None:
     """The board, when it is one and its pictures are at hand."""
     if case.observations is None or case.observations.target is None or case.data.views is None:
         return None
+    from calibrant.targets.charuco import Charuco
+    from calibrant.targets.registry import parse_target
+
     target = parse_target(case.observations.target)
     return target if isinstance(target, Charuco) else None
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import fdtrc, stdtr
+
+from calibrant.calibrate.tails import f_tail, t_tail
 
 CONVINCING = 1e-3
 """Chance of a false alarm of one kind of fault on clean data, after counting its hypotheses. Ten kinds then raise one
@@ -14,7 +15,7 @@ def ratio_test(before: float, after: float, freedom: int, *, hypotheses: int = 1
     """p of squared residuals that fall from `before` to `after`, each with `freedom` numbers free (F test)."""
     if after <= 0:
         return 0.0 if before > 0 else 1.0
-    return min(1.0, hypotheses * float(fdtrc(max(freedom, 1), max(freedom, 1), max(before / after, 0.0))))
+    return min(1.0, hypotheses * float(f_tail(max(freedom, 1), max(freedom, 1), max(before / after, 0.0))))
 
 
 def nested_test(before: float, after: float, unknowns: int, freedom: int, *, hypotheses: int = 1) -> float:
@@ -24,7 +25,7 @@ def nested_test(before: float, after: float, unknowns: int, freedom: int, *, hyp
     if after <= 0:
         return 0.0 if before > 0 else 1.0
     F = max(before - after, 0.0) / unknowns / (after / freedom)
-    return min(1.0, hypotheses * float(fdtrc(unknowns, freedom, F)))
+    return min(1.0, hypotheses * float(f_tail(unknowns, freedom, F)))
 
 
 def student_test(value: float, sigma: float, freedom: int) -> float:
@@ -33,7 +34,7 @@ def student_test(value: float, sigma: float, freedom: int) -> float:
         return 1.0
     if sigma <= 0:
         return 1.0 if value == 0 else 0.0
-    return float(2 * stdtr(freedom, -np.abs(value) / sigma))
+    return float(2 * t_tail(freedom, np.abs(value) / sigma))
 
 
 def confidence(p: float) -> float:

@@ -6,9 +6,9 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import fdtrc
 
 from calibrant.calibrate.hand_eye.robust import log_misfit, noise_freedom
+from calibrant.calibrate.tails import f_tail
 from calibrant.diagnose.doctor.case import Case, loop_of
 from calibrant.diagnose.doctor.finding import Evidence, Finding
 from calibrant.diagnose.doctor.significance import confidence
@@ -33,7 +33,7 @@ def examine(case: Case) -> list[Finding]:
     loops = (case.A[out] @ robust.X)[:, None] @ case.B[out]
     deviation = se3.local(robust.Z, loops)
     statistic = np.sum((deviation / fit.sigmas[out]) ** 2, axis=-1) / 6
-    fits = fdtrc(6, noise_freedom(fit), statistic) > PLAUSIBLE
+    fits = f_tail(6, noise_freedom(fit), statistic) > PLAUSIBLE
     poses, images = linear_sum_assignment(np.minimum(np.log(statistic + 1e-6), 1e3))
     place = {int(i): int(p) for p, i in zip(poses, images)}
     cycles = [c for c in _cycles(place) if len(c) > 1 and all(fits[place[i], i] for i in c)]

@@ -6,7 +6,7 @@
 converges in O(sqrt(max(a, b))) terms for x < (a + 1) / (a + b + 2), and elsewhere by I_x(a, b) = 1 - I_1-x(b, a)
 (Abramowitz and Stegun 1964, 26.5.8; evaluated by the method of Lentz 1976 as modified by Thompson and Barnett 1986).
 
-scipy.special has the same; loading it takes as long as the calibration of twenty poses, and three tests need this alone.
+scipy.special has the same, and takes as long to load as the calibration of twenty poses takes.
 """
 
 from __future__ import annotations

@@ -141,7 +141,7 @@ def format_json(value: Any, where: str = "result") -> str:
 
 
 def _lines(value: Any, depth: int, known: dict[tuple[Any, ...], str]) -> str:
-    """`format_json` at a depth. known: the text of arrays, of which the same ones (a board's points) come in each view."""
+    """`format_json` at a depth. known: the text of arrays; a board's points are the same in every view."""
     pad = "  " * (depth + 1)
     if isinstance(value, np.ndarray):
         key = (value.tobytes(), value.shape, value.dtype.str)

@@ -16,9 +16,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calibrant.calibrate.hand_eye.loops import loop_consistency, loop_errors
+from calibrant.calibrate.hand_eye.loops import LoopErrors, errors_of, loop_consistency, loop_errors
 from calibrant.calibrate.hand_eye.motion import motion_report
-from calibrant.calibrate.hand_eye.relative import PosePairs, pair_indices
+from calibrant.calibrate.hand_eye.relative import PosePairs, pair_indices, sample
 from calibrant.calibrate.hand_eye.solvers.park import park
 from calibrant.errors import InputError
 from calibrant.formats.pose_readings import PoseReading
@@ -30,6 +30,8 @@ SETUPS: tuple[Setup, Setup] = ("eye-in-hand", "eye-to-hand")
 
 KEPT = 0.75
 """Share of the views that judges a reading; the worst quarter may be flipped, mispaired or badly seen."""
+LONG, MOST_TO_CHOOSE = 200, 60
+"""Poses of a longer session that the views which agree are chosen by; the loop is then solved and judged with all."""
 FLOOR_MM, FLOOR_DEG = 1e-3, 1e-3
 """Loops below a micrometre and a thousandth of a degree are closed: no robot repeats better, so less is rounding."""
 CONSISTENT = 0.25
@@ -174,20 +176,43 @@ def _solved(reading: PoseReading, setup: Setup, B: Array) -> Alternative:
     steps; Rousseeuw and Van Driessen, "Computing LTS regression for large data sets", 2006)."""
     A = robot_side(reading.T_base_gripper, setup)
     n = len(A)
-    keep_count = max(3, int(np.ceil(KEPT * n))) if n >= 6 else n
-    kept = np.sort(np.argsort(_incongruence(A, B), kind="stable")[:keep_count])
+    rows = sample(n, MOST_TO_CHOOSE if n > LONG else n)
+    kept = np.sort(np.argsort(_incongruence(A[rows], B[rows]), kind="stable")[: _kept_of(len(rows))])
+    X, errors, kept = _concentrated(A[rows], B[rows], kept)
+    if len(rows) < n:
+        kept = _agreeing(A, B, X, errors)
+        X, errors = _closed_form(A[kept], B[kept])
+    return Alternative(reading, setup, errors.rms_mm, errors.rms_deg, X, kept, B)
+
+
+def _kept_of(n: int) -> int:
+    return max(3, int(np.ceil(KEPT * n))) if n >= 6 else n
+
+
+def _concentrated(A: Array, B: Array, kept: NDArray[np.intp]) -> tuple[Array, LoopErrors, NDArray[np.intp]]:
+    """X, its loop over the views kept, and these, chosen again by the loop until they stay."""
     for _ in range(3):  # the steps settle in two or three
-        X, _ = park(PosePairs(A[kept], B[kept]))
-        X = se3.make(so3.nearest(X[:3, :3]), X[:3, 3])
-        errors = loop_errors(A[kept], B[kept], X)
-        delta = se3.local(errors.Z, A @ X @ B)
-        mm, deg = 1e3 * np.linalg.norm(delta[:, 3:], axis=1), np.rad2deg(np.linalg.norm(delta[:, :3], axis=1))
-        distance = (mm / (errors.rms_mm + FLOOR_MM)) ** 2 + (deg / (errors.rms_deg + FLOOR_DEG)) ** 2
-        chosen = np.sort(np.argsort(distance, kind="stable")[:keep_count])
+        X, errors = _closed_form(A[kept], B[kept])
+        chosen = _agreeing(A, B, X, errors)
         if np.array_equal(chosen, kept):
             break
         kept = chosen
-    return Alternative(reading, setup, errors.rms_mm, errors.rms_deg, X, kept, B)
+    return X, errors, kept
+
+
+def _closed_form(A: Array, B: Array) -> tuple[Array, LoopErrors]:
+    pairs = PosePairs(A, B)
+    X, _ = park(pairs)
+    X = se3.make(so3.nearest(X[:3, :3]), X[:3, 3])
+    return X, errors_of(pairs, X)
+
+
+def _agreeing(A: Array, B: Array, X: Array, errors: LoopErrors) -> NDArray[np.intp]:
+    """Rows of the share KEPT of the views whose loop is the closest."""
+    delta = se3.local(errors.Z, A @ X @ B)
+    mm, deg = 1e3 * np.linalg.norm(delta[:, 3:], axis=1), np.rad2deg(np.linalg.norm(delta[:, :3], axis=1))
+    distance = (mm / (errors.rms_mm + FLOOR_MM)) ** 2 + (deg / (errors.rms_deg + FLOOR_DEG)) ** 2
+    return np.sort(np.argsort(distance, kind="stable")[: _kept_of(len(A))])
 
 
 def _incongruence(A: Array, B: Array) -> Array:

@@ -59,7 +59,12 @@ def loop_errors(A: ArrayLike, B: ArrayLike, X: ArrayLike) -> LoopErrors:
     Args: A (n, 4, 4) and B (n, 4, 4) = T_camera_target in the normal form A_i X B_i = Z, metres; X (4, 4).
     Raises: InputError for shapes that do not match, matrices that are not rigid, or no views.
     """
-    Z_i = _loops(PosePairs(np.asarray(A), np.asarray(B)), X)
+    return errors_of(PosePairs(np.asarray(A), np.asarray(B)), X)
+
+
+def errors_of(pairs: PosePairs, X: ArrayLike) -> LoopErrors:
+    """`loop_errors` of pairs that are checked already."""
+    Z_i = _loops(pairs, X)
     Z = se3.mean(Z_i)
     view_mm, view_deg = _distances(Z_i, Z)
     return LoopErrors(_rms(view_mm), _rms(view_deg), view_mm, view_deg, Z)

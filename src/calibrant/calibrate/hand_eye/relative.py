@@ -124,6 +124,11 @@ def pair_indices(n: int) -> tuple[Index, Index]:
     return i, (i + np.repeat(strides, n)) % n
 
 
+def sample(n: int, most: int) -> Index:
+    """Rows of at most `most` of n poses, in their order: drawn, as sessions repeat themselves; always the same ones."""
+    return np.arange(n) if n <= most else np.sort(np.random.default_rng(0).choice(n, most, replace=False))
+
+
 def odd_part(R: ArrayLike) -> Array:
     """sin(theta) n = vee(R - R^T) / 2 of rotations (..., 3, 3): (..., 3)."""
     m = np.asarray(R, dtype=np.float64)

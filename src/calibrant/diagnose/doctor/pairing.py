@@ -6,7 +6,7 @@ pairs of views; the best is then confirmed by the loop.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -31,6 +31,9 @@ FARTHEST_SHIFT = 3
 """Shifts of the whole list by more places: a list that was matched by hand, not by a lost picture."""
 MOST_IN_TABLE = 2000
 """Views whose angles are tabulated, all with all: 32 MB."""
+LOOKED_AT = 200
+"""Places of a long session from where the poses may be shifted that are looked at, and then all around the best: the
+incongruence falls from far towards the right place."""
 CONFIRMED = 3
 """Orders whose loop is looked at."""
 RADIAN_FLOOR = 1e-4
@@ -41,16 +44,17 @@ BETTER = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Order:
-    """Row i of the images belongs to row rows[i] of the poses."""
+    """Row i of the images belongs to row rows[i] of the poses; first: from where on that differs, 0 for the whole."""
 
     name: str
     words: str
     proposal: str
     rows: Index
+    first: int = 0
 
 
-def orders(names: Sequence[str]) -> Iterator[Order]:
-    """The wrong orders that occur, with what undoes them. Args: names of the images, n of them."""
+def _whole_shifts(names: Sequence[str]) -> Iterator[Order]:
+    """The whole list by up to FARTHEST_SHIFT places."""
     n = len(names)
     for shift in [s for k in range(1, FARTHEST_SHIFT + 1) for s in (k, -k) if k < n]:
         side = "earlier" if shift > 0 else "later"
@@ -61,16 +65,33 @@ def orders(names: Sequence[str]) -> Iterator[Order]:
             f"pair every image with the pose {count} {'below' if shift > 0 else 'above'} its own ({side} than given)",
             np.roll(np.arange(n), -shift),
         )
-    for first in range(2, n - LEAST_RUN + 1):
-        for shift in (1, -1):
-            rows = np.arange(n)
-            rows[first:] = np.roll(rows[first:], -shift)
-            yield Order(
-                "poses-shifted",
-                f"from {names[first]} on the poses stand one row too {'late' if shift > 0 else 'early'}",
-                f"pair {names[first]} and what follows with the pose one row {'below' if shift > 0 else 'above'}",
-                rows,
-            )
+
+
+def firsts(n: int) -> range:
+    """Places from where a list of n poses may be shifted: all, or LOOKED_AT of them."""
+    return range(2, n - LEAST_RUN + 1, max(1, n // LOOKED_AT))
+
+
+def shifts_from(names: Sequence[str], first: int) -> Iterator[Order]:
+    """The rows from `first` on by one place."""
+    for shift in (1, -1):
+        rows = np.arange(len(names))
+        rows[first:] = np.roll(rows[first:], -shift)
+        yield Order(
+            "poses-shifted",
+            f"from {names[first]} on the poses stand one row too {'late' if shift > 0 else 'early'}",
+            f"pair {names[first]} and what follows with the pose one row {'below' if shift > 0 else 'above'}",
+            rows,
+            first,
+        )
+
+
+def orders(names: Sequence[str]) -> Iterator[Order]:
+    """The wrong orders that occur, with what undoes them. Args: names of the images, n of them."""
+    n = len(names)
+    yield from _whole_shifts(names)
+    for first in firsts(n):
+        yield from shifts_from(names, first)
     text = sorted(range(n), key=lambda i: names[i])
     natural = sorted(range(n), key=lambda i: natural_key(names[i]))
     if text != natural:
@@ -97,12 +118,20 @@ def congruent_orders(robot: Array, B: Array, used: Index, names: Sequence[str]) 
     of_robot, of_target = _angles(robot), _angles(B)
     angles_b = of_target(i, j)
     now = incongruence(of_robot(used[i], used[j]), angles_b)
-    found = []
-    for order in orders(names):
-        rows = order.rows[used]
-        value = incongruence(of_robot(rows[i], rows[j]), angles_b)
-        if value < now - np.log(1.2):
-            found.append((value, order))
+
+    def judged(tried: Iterable[Order]) -> list[tuple[float, Order]]:
+        rows = ((order, order.rows[used]) for order in tried)
+        values = ((incongruence(of_robot(r[i], r[j]), angles_b), order) for order, r in rows)
+        return [(value, order) for value, order in values if value < now - np.log(1.2)]
+
+    found = judged(orders(names))
+    stride = firsts(len(names)).step
+    if stride > 1:
+        best = min((item for item in found if item[1].first), key=lambda item: item[0], default=None)
+        if best is not None:
+            first = best[1].first
+            near = range(max(2, first - stride + 1), min(len(names) - LEAST_RUN, first + stride - 1) + 1)
+            found += judged(order for k in near if k != first for order in shifts_from(names, k))
     found.sort(key=lambda item: item[0])
     return found
 

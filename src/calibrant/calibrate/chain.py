@@ -65,6 +65,32 @@ def link_maps(chain: Sequence[Link], values: Sequence[Array]) -> list[Array]:
     return maps
 
 
+def compiled_products(chain: Sequence[Link], values: Sequence[Array], edges: int) -> tuple[Array, Array]:
+    """`product` (m, 4, 4) and `link_maps` (m, links, 6, 6) of m edges in one compiled pass."""
+    from calibrant.calibrate import chain_kernels
+
+    links = np.empty((len(chain), edges, 4, 4))
+    for link, value in zip(links, values):
+        link[:] = value
+    inverted = np.array([link.inverted for link in chain])
+    T, maps = np.empty((edges, 4, 4)), np.empty((edges, len(chain), 6, 6))
+    chain_kernels.products(links, inverted, T, maps)
+    return T, maps
+
+
+def through_links(H: Array, g: Array, maps: Array) -> tuple[Array, Array]:
+    """Normal equations of the links and the rest from those of (product, rest): B^T H B, B^T g, B = [maps, 0; 0, I].
+
+    Args: H (m, 6 + r, 6 + r), g (m, 6 + r), maps (m, links, 6, 6).
+    """
+    from calibrant.calibrate import chain_kernels
+
+    width = 6 * maps.shape[1] + H.shape[1] - 6
+    H_links, g_links = np.empty((len(H), width, width)), np.empty((len(H), width))
+    chain_kernels.through_links(H, g, maps, H_links, g_links)
+    return H_links, g_links
+
+
 def _factors(chain: Sequence[Link], values: Sequence[Array]) -> list[Array]:
     return [se3.inverse(value) if link.inverted else value for link, value in zip(chain, values)]
 

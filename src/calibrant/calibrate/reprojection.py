@@ -107,6 +107,10 @@ class ReprojectionFactor(Factor):
             np.zeros((0, 3, 0)) if modes is None else np.ascontiguousarray(np.swapaxes(modes.directions, 1, 2))
         )
         self._width = 6 + len(model.parameter_names) + n_modes
+        self._first, self._each = np.zeros(m, dtype=np.int64), np.arange(m)
+        self._plain = chains.is_plain(self.chain)
+        poses, k = 6 * len(self.chain), len(model.parameter_names)
+        self._ends = (*range(6, poses + 6, 6), poses + k, *([] if modes is None else [poses + k + n_modes]))
 
     def _split(self, values: Sequence[Array]) -> tuple[Sequence[Array], Array, Array]:
         k = len(self.chain)
@@ -115,8 +119,10 @@ class ReprojectionFactor(Factor):
 
     def T_camera_target(self, *values: Array) -> Array:
         """The chain's product (m, 4, 4) for the slots' values."""
-        T = chains.product(self.chain, self._split(values)[0])
-        return np.ascontiguousarray(np.broadcast_to(T, (self.edges, 4, 4)))
+        links = self._split(values)[0]
+        if self._plain:
+            return np.ascontiguousarray(np.broadcast_to(links[0], (self.edges, 4, 4)))
+        return chains.compiled_products(self.chain, links, self.edges)[0]
 
     def _deformed(self, theta: Array) -> Array:
         if self.modes is None:
@@ -128,7 +134,7 @@ class ReprojectionFactor(Factor):
 
         kernel: Any = reprojection_kernels.residuals
         out = np.empty_like(self.views.uv)
-        views = self._kernel_arguments(values)
+        views = self._kernel_arguments(values, self.T_camera_target(*values))
 
         def run(first: int, last: int) -> None:
             kernel(*views, self.views.offsets, first, last, out)
@@ -136,7 +142,7 @@ class ReprojectionFactor(Factor):
         over_range(run, self.edges, seconds=len(out) * SECONDS_PER_POINT["residuals"])
         return out
 
-    def _kernel_arguments(self, values: Sequence[Array]) -> tuple[Any, ...]:
+    def _kernel_arguments(self, values: Sequence[Array], T: Array) -> tuple[Any, ...]:
         """Model, parameters, poses, modes and points as the compiled kernels take them."""
         from calibrant.calibrate import reprojection_kernels
 
@@ -144,8 +150,8 @@ class ReprojectionFactor(Factor):
         return (
             reprojection_kernels.rows_of(self.model),
             np.ascontiguousarray(parameters),
-            np.arange(self.edges) if len(parameters) > 1 else np.zeros(self.edges, dtype=np.int64),
-            self.T_camera_target(*values),
+            self._each if len(parameters) > 1 else self._first,
+            T,
             np.ascontiguousarray(theta[:1]),
             self._modes,
             self._points,
@@ -185,7 +191,11 @@ class ReprojectionFactor(Factor):
         kernel: Any = reprojection_kernels.normal_equations
         m, width = self.edges, self._width
         H, g, cost = np.empty((m, width, width)), np.empty((m, width)), np.empty(m)
-        views, weight, offsets = self._kernel_arguments(values), self.weight / sigma, self.views.offsets
+        if self._plain:
+            T, maps = self.T_camera_target(*values), None
+        else:
+            T, maps = chains.compiled_products(self.chain, self._split(values)[0], m)
+        views, weight, offsets = self._kernel_arguments(values, T), self.weight / sigma, self.views.offsets
         loss = (self.loss.kind, self.loss.scale_sq)
         local = self.model.local_rows()
         if local is not None:
@@ -197,23 +207,6 @@ class ReprojectionFactor(Factor):
             kernel(*views, weight, offsets, *loss, first, last, H, g, cost)
 
         over_range(run, m, seconds=len(weight) * SECONDS_PER_POINT["normal equations"])
-        return self._through_chain(H, g, float(cost.sum()), chains.link_maps(self.chain, self._split(values)[0]))
-
-    def _through_chain(self, H: Array, g: Array, cost: float, maps: Sequence[Array]) -> FactorBlocks:
-        """Blocks of the slots from those of (T_camera_target, camera, modes)."""
-        links, k, plain = len(self.chain), len(self.model.parameter_names), chains.is_plain(self.chain)
-        pieces = [slice(0, 6)] * links + [slice(6, 6 + k)]
-        if self.modes is not None:
-            pieces.append(slice(6 + k, self._width))
-        gradient, hessian = [], {}
-        for a, rows in enumerate(pieces):
-            left = maps[a] if a < links and not plain else None
-            ga = g[:, rows]
-            gradient.append(ga if left is None else np.einsum("nij,ni->nj", np.broadcast_to(left, (len(g), 6, 6)), ga))
-            for b in range(a, len(pieces)):
-                block = H[:, rows, pieces[b]]
-                if left is not None:
-                    block = np.swapaxes(left, -1, -2) @ block
-                right = maps[b] if b < links and not plain else None
-                hessian[a, b] = block if right is None else block @ right
-        return FactorBlocks(cost, tuple(gradient), hessian)
+        if maps is not None:
+            H, g = chains.through_links(H, g, maps)
+        return FactorBlocks(float(cost.sum()), H, g, self._ends)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import copy
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Self
@@ -31,22 +31,41 @@ EXACT = "prior"
 
 @dataclass(frozen=True, eq=False)
 class FactorBlocks:
-    """Normal equations of a factor, edge by edge.
+    """Normal equations of a factor, edge by edge, with respect to the natural tangents.
 
-    gradient[a] (m, k_a), hessian[a, b] (m, k_a, k_b) for slots a <= b, with respect to the natural tangents.
+    H (m, K, K), g (m, K): J^T W J and J^T W r of every edge, its slots laid end to end; ends: where each slot's columns
+    end.
     """
 
     cost: float
-    gradient: tuple[Array, ...]
-    hessian: Mapping[tuple[int, int], Array]
+    H: Array
+    g: Array
+    ends: tuple[int, ...]
+
+    @property
+    def pieces(self) -> tuple[slice, ...]:
+        """The columns of each slot."""
+        return tuple(slice(first, last) for first, last in pairwise((0, *self.ends)))
+
+    @property
+    def gradient(self) -> tuple[Array, ...]:
+        """g of each slot a, (m, k_a)."""
+        return tuple(self.g[:, rows] for rows in self.pieces)
+
+    @property
+    def hessian(self) -> dict[tuple[int, int], Array]:
+        """H of each pair of slots a <= b, (m, k_a, k_b)."""
+        pieces = self.pieces
+        return {
+            (a, b): self.H[:, rows, columns]
+            for a, rows in enumerate(pieces)
+            for b, columns in enumerate(pieces)
+            if b >= a
+        }
 
     def scaled(self, factor: float) -> FactorBlocks:
         """The same with every weight multiplied."""
-        return FactorBlocks(
-            self.cost * factor,
-            tuple(factor * g for g in self.gradient),
-            {slots: factor * H for slots, H in self.hessian.items()},
-        )
+        return FactorBlocks(self.cost * factor, factor * self.H, factor * self.g, self.ends)
 
 
 class Factor(ABC):
@@ -120,14 +139,9 @@ class Factor(ABC):
         root = np.sqrt(w)[:, None]
         J = np.concatenate(jacobians, axis=2) * root[:, :, None]
         J_t = np.swapaxes(J, 1, 2)
-        # One product for all slots: the pieces are cut from it.
+        # One product for all slots.
         H, g = self._sum(J_t @ J), self._sum((J_t @ (root * r)[:, :, None])[:, :, 0])
-        ends = np.cumsum([0, *(j.shape[2] for j in jacobians)])
-        pieces = [slice(first, last) for first, last in pairwise(ends.tolist())]
-        hessian = {
-            (a, b): H[:, rows, columns] for a, rows in enumerate(pieces) for b, columns in enumerate(pieces) if b >= a
-        }
-        return FactorBlocks(cost, tuple(g[:, rows] for rows in pieces), hessian)
+        return FactorBlocks(cost, H, g, tuple(np.cumsum([j.shape[2] for j in jacobians]).tolist()))
 
     def whitened_norms(self, values: Sequence[Array], *, sigma: float) -> Array:
         """Norm (N,) of every residual block in units of its sigma."""

@@ -7,14 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate
+from math import isnan, prod
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.optimize.factors import FactorBlocks
-from calibrant.optimize.structure import Scatter, Structure
+from calibrant.optimize.structure import Structure
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 PIVOT_TOLERANCE = 1e-14
 """A Cholesky pivot below this share of its diagonal is rounding (b^2 eps for b ~ 10), not information."""
@@ -47,55 +50,92 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Elimination:
-    """V = L L^T, Y = L^-1 W, z = L^-1 v per component; weak (n,) is the first weak pivot's column, -1 when none."""
+    """V = L L^T, Y = L^-1 W, z = L^-1 v per component; weak (n,) is the first weak pivot's column, -1 when none.
+
+    singular: there is a weak one.
+    """
 
     L: Array
     Y: Array
     z: Array
     weak: NDArray[np.int64]
+    singular: bool = False
 
 
 def assemble(
-    structure: Structure, factors: Sequence[FactorBlocks], *, bases: Sequence[Sequence[Array | None]]
+    structure: Structure,
+    factors: Sequence[FactorBlocks],
+    *,
+    bases: Sequence[Sequence[Array | None]],
+    chosen: Sequence[int] | None = None,
 ) -> NormalEquations:
-    """Sum the edge blocks of all factors. bases: for each factor, each slot's natural-from-free basis, or None."""
+    """Sum the edge blocks of the factors, of all by default, `chosen` by their numbers.
+
+    bases: for each of them, each slot's natural-from-free basis, None for the identity.
+    """
+    from calibrant.optimize import linear_kernels
+
     shared = structure.shared
-    V = [np.zeros((n, b, b)) for b, n in structure.batches]
-    v = [np.zeros((n, b)) for b, n in structure.batches]
-    W = [np.zeros((n, b, shared)) for b, n in structure.batches]
+    V = _Flat.of([(n, b, b) for b, n in structure.batches])
+    W = _Flat.of([(n, b, shared) for b, n in structure.batches])
+    v = _Flat.of([(n, b) for b, n in structure.batches])
     S, s = np.zeros((shared, shared)), np.zeros(shared)
-    matrices: dict[str, Sequence[Array]] = {"V": V, "W": W, "S": [S]}
-    vectors: dict[str, Sequence[Array]] = {"v": v, "s": [s]}
     cost = 0.0
-    for blocks, basis, scatters, gradients in zip(factors, bases, structure.scatters, structure.gradient_scatters):
+    for k, blocks, basis in zip(range(len(factors)) if chosen is None else chosen, factors, bases):
         cost += blocks.cost
-        for scatter in scatters:
-            a, b = scatter.slots
-            block = in_free(blocks.hessian[a, b], basis[a], basis[b])
-            _add(matrices[scatter.destination][scatter.batch], scatter, _turned(block, scatter.transpose))
-        for scatter in gradients:
-            a = scatter.slots[0]
-            _add(vectors[scatter.destination][scatter.batch], scatter, _gradient_in_free(blocks.gradient[a], basis[a]))
-    return NormalEquations(cost, tuple(V), tuple(v), tuple(W), S, s, tuple(factors))
+        H, g, starts = in_free(blocks, basis)
+        linear_kernels.add_edges(H, g, starts, structure.dims[k], structure.places[k], V.all, W.all, v.all, S, s)
+    return NormalEquations(cost, V.parts, v.parts, W.parts, S, s, tuple(factors))
+
+
+@dataclass(frozen=True, eq=False)
+class _Flat:
+    """Zeros of several shapes laid end to end, and each of them as a view."""
+
+    all: Array
+    parts: tuple[Array, ...]
+
+    @classmethod
+    def of(cls, shapes: Sequence[tuple[int, ...]]) -> _Flat:
+        sizes = [prod(shape) for shape in shapes]
+        flat = np.zeros(sum(sizes))
+        ends = accumulate(sizes)
+        parts = [flat[end - n : end].reshape(shape) for end, n, shape in zip(ends, sizes, shapes)]
+        return cls(flat, tuple(parts))
 
 
 LARGE_BASIS = 32
-"""Components from which picking rows beats multiplying: below, a product takes a few microseconds."""
+"""Components from which picking columns beats multiplying: below, a product takes a few microseconds."""
 
 
-def in_free(block: Array, left: Array | None, right: Array | None) -> Array:
-    """A block (m, p, q) of natural tangents in the free ones: left^T block right, None standing for the identity."""
-    if left is not None:
-        rows = _selected(left)
-        block = np.swapaxes(left, -1, -2) @ block if rows is None else block[:, rows]
-    if right is None:
-        return block
-    columns = _selected(right)
-    return block @ right if columns is None else block[:, :, columns]
+def in_free(blocks: FactorBlocks, bases: Sequence[Array | None]) -> tuple[Array, Array, Indices]:
+    """H (m, f, f) and g (m, f) in the free tangents, and where each slot's columns start.
+
+    bases: natural-from-free of each slot, None for the identity: H <- B^T H B, g <- B^T g.
+    """
+    if all(basis is None for basis in bases):
+        return blocks.H, blocks.g, np.array((0, *blocks.ends[:-1]))
+    turned = _columns_in_free(blocks.H, blocks.pieces, bases)
+    H = np.ascontiguousarray(_columns_in_free(np.swapaxes(turned, -1, -2), blocks.pieces, bases))
+    g = np.ascontiguousarray(_columns_in_free(blocks.g[:, None, :], blocks.pieces, bases)[:, 0])
+    widths = [piece.stop - piece.start if b is None else b.shape[2] for piece, b in zip(blocks.pieces, bases)]
+    return H, g, np.cumsum([0, *widths[:-1]])
 
 
-def _selected(basis: Array) -> NDArray[np.int64] | None:
-    """The rows that a large basis (1, p, f) picks, when it does only that: held components of a vector of hundreds.
+def _columns_in_free(M: Array, pieces: Sequence[slice], bases: Sequence[Array | None]) -> Array:
+    """M (m, rows, natural) times the bases."""
+    out = []
+    for columns, basis in zip(pieces, bases):
+        part = M[:, :, columns]
+        if basis is not None:
+            picked = _selected(basis)
+            part = part @ basis if picked is None else part[:, :, picked]
+        out.append(part)
+    return np.concatenate(out, axis=2)
+
+
+def _selected(basis: Array) -> Indices | None:
+    """The components that a large basis (1, p, f) picks, when it does only that: held ones of a vector of hundreds.
 
     Products with such a matrix take longer than all the rest; small ones are faster than the look.
     """
@@ -103,27 +143,6 @@ def _selected(basis: Array) -> NDArray[np.int64] | None:
         return None
     rows = np.argmax(basis[0], axis=0)
     return rows if np.all(basis[0, rows, np.arange(len(rows))] == 1.0) else None
-
-
-def _gradient_in_free(gradient: Array, basis: Array | None) -> Array:
-    return gradient if basis is None else (gradient[:, None, :] @ basis)[:, 0]
-
-
-def _turned(block: Array, transpose: bool) -> Array:
-    return np.swapaxes(block, -1, -2) if transpose else block
-
-
-def _add(destination: Array, scatter: Scatter, blocks: Array) -> None:
-    if scatter.edges is not None:
-        blocks = blocks[scatter.edges]
-    if scatter.sum_order is not None:
-        blocks = blocks[scatter.sum_order]
-    if scatter.sum_starts is not None:
-        if len(scatter.sum_starts) == 1:
-            blocks = blocks.sum(axis=0)
-        else:
-            blocks = np.add.reduceat(blocks, scatter.sum_starts, axis=0)
-    destination.reshape(-1)[scatter.target] += blocks.reshape(-1)
 
 
 def _diagonal(M: Array) -> Array:
@@ -147,21 +166,18 @@ def eliminate(V: Array, W: Array, v: Array, damping: float) -> Elimination:
 
     n, b, s = W.shape
     L, Y, z, weak = np.empty((n, b, b)), np.empty((n, b, s)), np.empty((n, b)), np.empty(n, dtype=np.int64)
-    linear_kernels.eliminate(V, W, v, damping, PIVOT_TOLERANCE, L, Y, z, weak)
-    return Elimination(L, Y, z, weak)
+    singular = linear_kernels.eliminate(V, W, v, damping, PIVOT_TOLERANCE, L, Y, z, weak)
+    return Elimination(L, Y, z, weak, singular)
 
 
-def reduce_shared(equations: NormalEquations, parts: Sequence[Elimination], damping: float) -> tuple[Array, Array]:
-    """S_0 + damping diag S_0 - sum Y^T Y and s - sum Y^T z."""
+def reduce_shared(equations: NormalEquations, parts: Sequence[Elimination]) -> tuple[Array, Array]:
+    """S_0 - sum Y^T Y and s - sum Y^T z."""
     S, s = equations.S.copy(), equations.s.copy()
-    if not len(s):
-        return S, s
-    if damping:
-        S.reshape(-1)[:: len(s) + 1] += damping * _diagonal(equations.S)
-    for part in parts:
-        Y = part.Y.reshape(-1, S.shape[0])
-        S -= Y.T @ Y
-        s -= Y.T @ part.z.reshape(-1)
+    if len(s):
+        for part in parts:
+            Y = part.Y.reshape(-1, len(s))
+            S -= Y.T @ Y
+            s -= Y.T @ part.z.reshape(-1)
     return S, s
 
 
@@ -170,15 +186,14 @@ def solve(equations: NormalEquations, damping: float) -> Step | None:
     from calibrant.optimize import linear_kernels
 
     parts = [eliminate(V, W, v, damping) for V, W, v in zip(equations.V, equations.W, equations.v)]
-    if any(part.weak.max() >= 0 for part in parts):
+    if any(part.singular for part in parts):
         return None
-    S, s = reduce_shared(equations, parts, damping)
+    S, s = reduce_shared(equations, parts)
     shared = np.zeros(len(s))
-    diagonal = _diagonal(equations.S)
-    if len(s) and not linear_kernels.solve_definite(S, s, diagonal, PIVOT_TOLERANCE, shared):
+    predicted = linear_kernels.solve_shared(S, s, equations.S, equations.s, damping, PIVOT_TOLERANCE, shared)
+    if isnan(predicted):
         return None
     components = []
-    predicted = -0.5 * float(equations.s @ shared) + 0.5 * damping * float(diagonal @ (shared * shared))
     for part, V, v in zip(parts, equations.V, equations.v):
         d = np.empty_like(v)
         predicted += linear_kernels.substitute(part.L, part.Y, part.z, shared, V, v, damping, d)

@@ -6,19 +6,67 @@ import numpy as np
 from numba import njit, types
 
 _f1, _f2, _f3 = types.float64[::1], types.float64[:, ::1], types.float64[:, :, ::1]
+_c2, _c3 = (types.Array(types.float64, n, "C", readonly=True) for n in (2, 3))  # writable arrays convert
+_i1 = types.Array(types.int64, 1, "C", readonly=True)
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
 
 
 @njit(
-    types.void(_f3, _f3, _f2, types.float64, types.float64, _f3, _f3, _f2, types.int64[::1]),
+    types.void(_c3, _c2, _i1, _i1, types.int64[:, :, ::1], _f1, _f1, _f1, _f2, _f1),
+    cache=True,
+    nogil=True,
+    error_model="numpy",
+)
+def add_edges(H, g, starts, dims, places, V, W, v, S, s):  # type: ignore[no-untyped-def]
+    """Add every edge's H (m, f, f) and g (m, f) to where its slots' columns go; see `structure.Structure`.
+
+    V, W, v: the components' blocks, flat, one after the other; W's rows are the components'. V and S get both
+    triangles.
+    """
+    shared = S.shape[0]
+    for e in range(H.shape[0]):
+        for a in range(dims.shape[0]):
+            height, row, first, p = places[e, a, 0], places[e, a, 4], starts[a], dims[a]
+            if height > 0:
+                base = places[e, a, 3] + row
+                for i in range(p):
+                    v[base + i] += g[e, first + i]
+            else:
+                for i in range(p):
+                    s[row + i] += g[e, first + i]
+            for b in range(dims.shape[0]):
+                column, other, q = places[e, b, 4], starts[b], dims[b]
+                if places[e, b, 0] > 0:
+                    if height > 0:
+                        base = places[e, a, 1] + row * height + column
+                        for i in range(p):
+                            for j in range(q):
+                                V[base + i * height + j] += H[e, first + i, other + j]
+                elif height > 0:
+                    base = places[e, a, 2] + row * shared + column
+                    for i in range(p):
+                        for j in range(q):
+                            W[base + i * shared + j] += H[e, first + i, other + j]
+                else:
+                    for i in range(p):
+                        for j in range(q):
+                            S[row + i, column + j] += H[e, first + i, other + j]
+
+
+@njit(
+    types.boolean(_c3, _c3, _c2, types.float64, types.float64, _f3, _f3, _f2, types.int64[::1]),
     cache=True,
     nogil=True,
     fastmath=_FAST,
     error_model="numpy",
 )
 def eliminate(V, W, v, damping, tolerance, L, Y, z, weak):  # type: ignore[no-untyped-def]
-    """L L^T = V + damping diag V; Y = L^-1 W; z = L^-1 v. weak[c]: first column whose pivot is rounding, or -1."""
+    """L L^T = V + damping diag V; Y = L^-1 W; z = L^-1 v. weak[c]: first column whose pivot is rounding, or -1.
+
+    Returns whether there is one.
+    """
     n, b, s = W.shape
+    singular = False
     for c in range(n):
         weak[c] = -1
         for j in range(b):
@@ -28,6 +76,7 @@ def eliminate(V, W, v, damping, tolerance, L, Y, z, weak):  # type: ignore[no-un
             for k in range(j):
                 pivot -= L[c, j, k] * L[c, j, k]
             if not pivot > tolerance * own:
+                singular = True
                 if weak[c] < 0:
                     weak[c] = j
                 pivot = own if own > 0.0 else 1.0
@@ -52,18 +101,30 @@ def eliminate(V, W, v, damping, tolerance, L, Y, z, weak):  # type: ignore[no-un
                     Y[c, j, q] -= factor * Y[c, k, q]
             for q in range(s):
                 Y[c, j, q] *= inverse
+    return singular
 
 
-@njit(types.boolean(_f2, _f1, _f1, types.float64, _f1), cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
-def solve_definite(S, s, diagonal, tolerance, x):  # type: ignore[no-untyped-def]
-    """x = -S^-1 s by Cholesky; S is overwritten by its factor. False when a pivot is rounding against `diagonal`."""
+@njit(
+    types.float64(_f2, _f1, _f2, _f1, types.float64, types.float64, _f1),
+    cache=True,
+    nogil=True,
+    fastmath=_FAST,
+    error_model="numpy",
+)
+def solve_shared(S, s, before, gradient, damping, tolerance, x):  # type: ignore[no-untyped-def]
+    """x = -(S + damping diag S_0)^-1 s by Cholesky, S_0 = `before` the elimination; S is overwritten by its factor.
+
+    Returns the shared unknowns' part of the predicted decrease, 1/2 (damping x^T diag(S_0) x - s_0^T x), s_0 =
+    `gradient`; NaN when a pivot is rounding against S_0.
+    """
     n = S.shape[0]
     for j in range(n):
-        pivot = S[j, j]
+        own = before[j, j] if before[j, j] > 0.0 else 1.0  # what nothing depends on keeps a zero step
+        pivot = S[j, j] + damping * own
         for k in range(j):
             pivot -= S[j, k] * S[j, k]
-        if not pivot > tolerance * diagonal[j]:
-            return False
+        if not pivot > tolerance * own:
+            return np.nan
         root = np.sqrt(pivot)
         S[j, j] = root
         inverse = 1.0 / root
@@ -80,7 +141,11 @@ def solve_definite(S, s, diagonal, tolerance, x):  # type: ignore[no-untyped-def
         x[j] /= S[j, j]
         for k in range(j):
             x[k] -= S[j, k] * x[j]
-    return True
+    predicted = 0.0
+    for j in range(n):
+        own = before[j, j] if before[j, j] > 0.0 else 1.0
+        predicted += damping * own * x[j] * x[j] - gradient[j] * x[j]
+    return 0.5 * predicted
 
 
 @njit(types.float64(_f2, _f2), cache=True, nogil=True, fastmath=_FAST, error_model="numpy")

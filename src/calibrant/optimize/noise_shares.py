@@ -13,7 +13,7 @@ sums over the components, so that the time is linear in the views.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,27 +47,30 @@ def noise_shares(solution: Solution) -> NoiseShares:
     problem = solution.problem
     groups = problem.noise_groups
     shares = [_of_group(solution, g) for g in groups]
-    C_s = solution.blocks.shared
+    C_s = solution.shared_covariance
     inverses = solution.component_inverses
     K = len(groups)
     traces, own, B = np.zeros(K), np.zeros((K, K)), np.stack([share.S for share in shares])
-    G = np.zeros((K, K, *C_s.shape))
+    across = np.zeros((K, K))
     for batch, inverse in enumerate(inverses):
         P = -inverse @ solution.equations.W[batch]
         turned = [share.V[batch] @ inverse for share in shares]
+        transposed = [np.swapaxes(t, 1, 2).ravel() for t in turned]
         Q = [share.V[batch] @ P + share.W[batch] for share in shares]
-        through = [_flat(inverse @ q) for q in Q]
+        through = [(inverse @ q).ravel() for q in Q]
+        # tr(G_kl C_s) = sum of (Q_k C_s) times (V^-1 Q_l), number by number.
+        weighed = [(_flat(q) @ C_s).ravel() for q in Q]
         for k in range(K):
             traces[k] += np.einsum("nii->", turned[k])
             # P^T (V_k P + W_k) + W_k^T P.
             half = _flat(shares[k].W[batch]).T @ _flat(P)
             B[k] += _flat(P).T @ _flat(Q[k]) + half
             for m in range(K):
-                own[k, m] += float(np.einsum("nij,nji->", turned[k], turned[m]))
-                G[k, m] += _flat(Q[k]).T @ through[m]
+                own[k, m] += float(turned[k].ravel() @ transposed[m])
+                across[k, m] += float(weighed[k] @ through[m])
     seen = B @ C_s
     traces += np.einsum("kii->k", seen)
-    products = own + 2 * np.einsum("klij,ji->kl", G, C_s) + np.einsum("kij,lji->kl", seen, seen)
+    products = own + 2 * across + seen.reshape(K, -1) @ np.swapaxes(seen, 1, 2).reshape(K, -1).T
     counts = np.array(
         [sum(f.residual_count for f in problem.factors if f.noise == g) for g in groups], dtype=np.float64
     )
@@ -81,15 +84,11 @@ def _flat(blocks: Array) -> Array:
 
 def _of_group(solution: Solution, group: str) -> NormalEquations:
     """The group's share of the normal equations."""
-    problem, structure = solution.problem, solution.problem.structure
+    problem = solution.problem
     mine = [k for k, f in enumerate(problem.factors) if f.noise == group and f.noise != EXACT]
-    part = replace(
-        structure,
-        scatters=tuple(structure.scatters[k] for k in mine),
-        gradient_scatters=tuple(structure.gradient_scatters[k] for k in mine),
-    )
     return linear.assemble(
-        part,
+        problem.structure,
         [solution.equations.factors[k] for k in mine],
         bases=[problem.bases(k, solution.values) for k in mine],
+        chosen=mine,
     )

@@ -106,7 +106,7 @@ class Solution:
         """Scale, inverse of the scaled shared matrix, and its unit null vectors (s, n_null), scaled."""
         from calibrant.optimize import linear_kernels
 
-        S, _ = linear.reduce_shared(self.equations, self._parts, 0.0)
+        S, _ = linear.reduce_shared(self.equations, self._parts)
         diagonal = np.diag(self.equations.S) if len(S) else np.zeros(0)
         scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
         if not len(S):
@@ -136,13 +136,11 @@ class Solution:
         return float(np.finfo(np.float64).eps * (len(scale) + (carried * scale**2).max()))
 
     @cached_property
-    def blocks(self) -> Covariance:
-        """All blocks of the inverse at these noise levels, computed once.
+    def shared_covariance(self) -> Array:
+        """Covariance (s, s) of the shared unknowns at these noise levels.
 
         Raises: RefusedError naming what the data do not determine.
         """
-        from calibrant.optimize import linear_kernels
-
         if self.unobservable:
             raise RefusedError(
                 "the problem has no covariance: "
@@ -150,7 +148,14 @@ class Solution:
                 + ". Hold these parameters, or add data that move them"
             )
         scale, inverse, _ = self._shared_spectrum
-        shared = np.ascontiguousarray(inverse * scale[:, None] * scale)
+        return np.ascontiguousarray(inverse * scale[:, None] * scale)
+
+    @cached_property
+    def blocks(self) -> Covariance:
+        """All blocks of the inverse at these noise levels, computed once. Raises: as `shared_covariance`."""
+        from calibrant.optimize import linear_kernels
+
+        shared = self.shared_covariance
         own, cross = [], []
         for part in self._parts:
             n, b, s = part.Y.shape
@@ -208,7 +213,7 @@ class Solution:
             mine = p.batch == batch
             c = columns[mine]
             if batch == SHARED:
-                out[mine] = self.blocks.shared[c[:, :, None], c[:, None, :]]
+                out[mine] = self.shared_covariance[c[:, :, None], c[:, None, :]]
             else:
                 out[mine] = self.blocks.own[batch][p.row[mine][:, None, None], c[:, :, None], c[:, None, :]]
         basis = variable.manifold.basis(self.values[i])
@@ -228,10 +233,11 @@ class Solution:
 
     def _cross_block(self, a: _Rows, b: _Rows) -> Array:
         """Covariance between two sets of unknowns, natural tangents."""
-        blocks = self.blocks
         if a.batch == SHARED and b.batch == SHARED:
-            free = blocks.shared[np.ix_(a.columns, b.columns)]
-        elif b.batch == SHARED:
+            free = self.shared_covariance[np.ix_(a.columns, b.columns)]
+            return a.basis @ free @ b.basis.T
+        blocks = self.blocks
+        if b.batch == SHARED:
             free = blocks.cross[a.batch][a.row][np.ix_(a.columns, b.columns)]
         elif a.batch == SHARED:
             free = blocks.cross[b.batch][b.row][np.ix_(b.columns, a.columns)].T

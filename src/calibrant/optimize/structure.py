@@ -10,7 +10,7 @@ shared unknowns and S_0 the shared block,
 
 costs O(sum_c b_c^3 + b_c s^2): linear in the number of components (views, robot poses, target points).
 
-Three tiers: this module runs once a problem (index maps), `linear.assemble` once a linearisation (scatter), and
+Three tiers: this module runs once a problem (index maps), `linear.assemble` once a linearisation (sums), and
 `linear.solve` once a step.
 """
 
@@ -45,27 +45,13 @@ class Placement:
 
 
 @dataclass(frozen=True, eq=False)
-class Scatter:
-    """Adds edge blocks into one flat array: flat[target] += blocks[edges] (transposed when asked).
-
-    target: positions, or a slice where they follow each other.
-    """
-
-    destination: str
-    batch: int
-    slots: tuple[int, int]
-    transpose: bool
-    edges: Indices | None
-    target: Indices | slice
-    sum_order: Indices | None
-    sum_starts: Indices | None
-
-
-@dataclass(frozen=True, eq=False)
 class Structure:
     """Index maps of a problem. batches: (component size, number of components); shared: dense dimension.
 
     picks: for each factor and slot the instance of every edge, None where edge i uses instance i.
+    places: for each factor (edges, slots, 5), where the columns of an edge's slot go: the size of their component (0
+    for the shared part), where the component starts in the flat arrays of V, W and v, and their first column in it.
+    dims: for each factor the free dimension of every slot, 0 for a constant.
     """
 
     placements: tuple[Placement | None, ...]
@@ -73,8 +59,8 @@ class Structure:
     shared: int
     slots: tuple[tuple[int, ...], ...]
     picks: tuple[tuple[Indices | None, ...], ...]
-    scatters: tuple[tuple[Scatter, ...], ...]
-    gradient_scatters: tuple[tuple[Scatter, ...], ...]
+    places: tuple[Indices, ...]
+    dims: tuple[Indices, ...]
 
 
 def analyse(variables: Sequence[Variable], factors: Sequence[Factor]) -> Structure:
@@ -83,15 +69,36 @@ def analyse(variables: Sequence[Variable], factors: Sequence[Factor]) -> Structu
     slots = tuple(tuple(index[name] for name in f.variables) for f in factors)
     eliminated = _choose_eliminated(variables, factors, slots)
     placements, batches, shared = _place(variables, factors, slots, eliminated)
-    scatters, gradients = [], []
-    for factor, slot in zip(factors, slots):
-        scatters.append(tuple(_matrix_scatters(factor, slot, placements, batches, shared)))
-        gradients.append(tuple(_gradient_scatters(factor, slot, placements, batches)))
     picks = tuple(
         tuple(None if _in_order(i, variables[v].count) else i for v, i in zip(slot, factor.indices))
         for factor, slot in zip(factors, slots)
     )
-    return Structure(placements, batches, shared, slots, picks, tuple(scatters), tuple(gradients))
+    maps = [None if p is None else _columns(p, batches, shared) for p in placements]
+    places, dims = [], []
+    for factor, slot in zip(factors, slots):
+        into = np.zeros((factor.edges, len(slot), 5), dtype=np.int64)
+        for k, (v, i) in enumerate(zip(slot, factor.indices)):
+            where = maps[v]
+            if where is not None:
+                into[:, k] = where[i]
+        places.append(into)
+        dims.append(np.array([0 if maps[v] is None else variables[v].free_dim for v in slot], dtype=np.int64))
+    return Structure(placements, batches, shared, slots, picks, tuple(places), tuple(dims))
+
+
+def _columns(p: Placement, batches: Sequence[tuple[int, int]], shared: int) -> Indices:
+    """Entries of `Structure.places` (count, 5) of a variable's instances."""
+    out = np.zeros((len(p.offset), 5), dtype=np.int64)
+    out[:, 4] = p.offset
+    if p.together == SHARED:
+        return out
+    sizes, counts = np.array(batches, dtype=np.int64).T
+    size = sizes[p.batch]
+    out[:, 0] = size
+    for column, stride in ((1, sizes * sizes), (2, sizes * shared), (3, sizes)):
+        starts = np.cumsum(counts * stride) - counts * stride
+        out[:, column] = starts[p.batch] + p.row * stride[p.batch]
+    return out
 
 
 def _in_order(index: Indices, count: int) -> bool:
@@ -130,7 +137,7 @@ def _cost(variables: Sequence[Variable], components: dict[int, Indices], n: int)
     """Multiplications of one step with this elimination; dense Cholesky is d^3 / 3."""
     sizes = np.zeros(n)
     for v, labels in components.items():
-        np.add.at(sizes, labels, variables[v].free_dim)
+        sizes += variables[v].free_dim * np.bincount(labels, minlength=n)
     shared = sum(v.count * v.free_dim for i, v in enumerate(variables) if i not in components)
     return float(np.sum(sizes**3 / 3 + sizes**2 * shared + sizes * shared**2) + shared**3 / 3)
 
@@ -167,7 +174,7 @@ def _place(
         rank = np.empty(len(labels), dtype=np.int64)
         rank[order] = np.arange(len(labels)) - first
         offsets[v] = sizes[labels] + rank * dim
-        np.add.at(sizes, labels, dim)
+        sizes += dim * np.bincount(labels, minlength=n)
     distinct = sorted(set(sizes.tolist()))
     batch_of = np.searchsorted(distinct, sizes)
     row_of = np.zeros(n, dtype=np.int64)
@@ -206,116 +213,3 @@ def _eliminated(
     filled = batches[batch[0]] == (variable.free_dim, len(row)) and bool(np.all(batch == batch[0]))
     whole = filled and _in_order(row, len(row))
     return Placement(batch, row, offset, variable.free_dim, int(batch[0]) if whole else None)
-
-
-@dataclass(frozen=True, eq=False)
-class _Target:
-    """An array (rows, height, width), flat, that edge blocks are added to."""
-
-    destination: str
-    batch: int
-    height: int
-    width: int
-
-
-def _matrix_scatter(
-    into: _Target, slots: tuple[int, int], transpose: bool, edges: Indices | None, p: Placement, q: Placement,
-    i: Indices, j: Indices,
-) -> Scatter:  # fmt: skip
-    """Map of the blocks (e, p.dim, q.dim) of instances i and j."""
-    row = p.row[i] if p.batch[i[0]] != SHARED else q.row[j]
-    corner = row * (into.height * into.width) + p.offset[i] * into.width + q.offset[j]
-    return _scatter(into, slots, transpose, edges, corner, np.arange(p.dim)[:, None] * into.width + np.arange(q.dim))
-
-
-def _scatter(
-    into: _Target, slots: tuple[int, int], transpose: bool, edges: Indices | None, corner: Indices, block: Indices
-) -> Scatter:
-    """Edge e adds to the positions corner[e] + block; edges that share a corner are summed first."""
-    if bool(np.all(corner[1:] > corner[:-1])):
-        target = _contiguous((corner[:, None] + block.ravel()).ravel())
-        return Scatter(into.destination, into.batch, slots, transpose, edges, target, None, None)
-    order = np.argsort(corner, kind="stable")
-    ranked = corner[order]
-    starts = np.flatnonzero(np.concatenate([[True], ranked[1:] != ranked[:-1]]))
-    distinct = len(starts) == len(corner)
-    corners = corner if distinct else ranked[starts]
-    target = _contiguous((corners[:, None] + block.ravel()).ravel())
-    if distinct:
-        return Scatter(into.destination, into.batch, slots, transpose, edges, target, None, None)
-    sum_order = None if _in_order(order, len(order)) else order
-    return Scatter(into.destination, into.batch, slots, transpose, edges, target, sum_order, starts)
-
-
-def _contiguous(positions: Indices) -> Indices | slice:
-    """A slice in place of positions that follow each other: adding to it needs no index."""
-    first, n = int(positions[0]), len(positions)
-    if int(positions[-1]) - first == n - 1 and bool(np.all(positions[1:] > positions[:-1])):
-        return slice(first, first + n)
-    return positions
-
-
-def _matrix_scatters(
-    factor: Factor,
-    slot: tuple[int, ...],
-    placements: Sequence[Placement | None],
-    batches: Sequence[tuple[int, int]],
-    shared: int,
-) -> list[Scatter]:
-    """Maps of every block pair. Only V, S and W (component by shared) are kept; V and S get both triangles."""
-    out: list[Scatter] = []
-    for a in range(len(slot)):
-        for b in range(a, len(slot)):
-            p, q = placements[slot[a]], placements[slot[b]]
-            if p is None or q is None:
-                continue
-            i, j = factor.indices[a], factor.indices[b]
-            batch_a, batch_b = p.batch[i], q.batch[j]
-            for pa, pb in _distinct_pairs(batch_a, batch_b):
-                chosen = np.flatnonzero((batch_a == pa) & (batch_b == pb))
-                edges = None if len(chosen) == len(i) else chosen
-                ie, je = i[chosen], j[chosen]
-                into = _target(pa, pb, batches, shared)
-                coupling = into.destination == "W"
-                if not coupling or pa != SHARED:
-                    out.append(_matrix_scatter(into, (a, b), False, edges, p, q, ie, je))
-                if (coupling and pa == SHARED) or (not coupling and a != b):
-                    out.append(_matrix_scatter(into, (a, b), True, edges, q, p, je, ie))
-    return out
-
-
-def _target(a: int, b: int, batches: Sequence[tuple[int, int]], shared: int) -> _Target:
-    """Where the blocks between unknowns of batches a and b go."""
-    if a == SHARED and b == SHARED:
-        return _Target("S", 0, shared, shared)
-    if a != SHARED and b != SHARED:
-        return _Target("V", a, batches[a][0], batches[a][0])
-    batch = max(a, b)
-    return _Target("W", batch, batches[batch][0], shared)
-
-
-def _distinct_pairs(a: Indices, b: Indices) -> list[tuple[int, int]]:
-    """The pairs (a_i, b_i) that occur, sorted."""
-    if bool(np.all(a == a[0])) and bool(np.all(b == b[0])):
-        return [(int(a[0]), int(b[0]))]
-    return sorted(set(zip(a.tolist(), b.tolist())))
-
-
-def _gradient_scatters(
-    factor: Factor, slot: tuple[int, ...], placements: Sequence[Placement | None], batches: Sequence[tuple[int, int]]
-) -> list[Scatter]:
-    out: list[Scatter] = []
-    for a, v in enumerate(slot):
-        p = placements[v]
-        if p is None:
-            continue
-        i = factor.indices[a]
-        for batch in np.unique(p.batch[i]).tolist():
-            chosen = np.flatnonzero(p.batch[i] == batch)
-            edges = None if len(chosen) == len(i) else chosen
-            ie = i[chosen]
-            height = 0 if batch == SHARED else batches[batch][0]
-            into = _Target("s" if batch == SHARED else "v", max(batch, 0), height, 1)
-            corner = p.row[ie] * height + p.offset[ie]
-            out.append(_scatter(into, (a, a), False, edges, corner, np.arange(p.dim)))
-    return out

@@ -15,6 +15,7 @@ import calibrant
 PACKAGE = Path(calibrant.__file__).parent
 FLOOR = {
     "errors": 0,
+    "compiled": 0,
     "geometry": 0,
     "optimize": 1,
     "cameras": 1,

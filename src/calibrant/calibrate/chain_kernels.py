@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, types
 
+from calibrant.compiled import compiled
+
 _c2, _c3, _c4 = (types.Array(types.float64, n, "C", readonly=True) for n in (2, 3, 4))  # writable arrays convert
 _f2, _f3, _f4 = types.float64[:, ::1], types.float64[:, :, ::1], types.float64[:, :, :, ::1]
 _flags = types.Array(types.boolean, 1, "C", readonly=True)
@@ -58,7 +60,7 @@ def _through_inverse(M, T, out):  # type: ignore[no-untyped-def]
     M[:] = out
 
 
-@njit(types.void(_c4, _flags, _f3, _f4), cache=True, nogil=True, error_model="numpy")
+@compiled(types.void(_c4, _flags, _f3, _f4))
 def products(links, inverted, T, maps):  # type: ignore[no-untyped-def]
     """T (m, 4, 4) = prod_k L_k and maps (m, n, 6, 6) from each link's tangent to T's; links (n, m, 4, 4)."""
     n = links.shape[0]
@@ -98,7 +100,7 @@ def products(links, inverted, T, maps):  # type: ignore[no-untyped-def]
             before[:] = turned
 
 
-@njit(types.void(_c3, _c2, _c4, _f3, _f2), cache=True, nogil=True, error_model="numpy")
+@compiled(types.void(_c3, _c2, _c4, _f3, _f2))
 def through_links(H, g, maps, H_out, g_out):  # type: ignore[no-untyped-def]
     """B^T H B and B^T g of every edge, B = [M_1 ... M_n, 0; 0, I]; see `chain.through_links`."""
     n, rest = maps.shape[1], H.shape[1] - 6

@@ -12,6 +12,7 @@ from numba import njit, types
 
 from calibrant.calibrate.reprojection_kernels import NORMAL_EQUATIONS, robust
 from calibrant.cameras.kernels import FAST, LOCAL_ROWS
+from calibrant.compiled import compiled
 
 _SIGNATURE = types.void(LOCAL_ROWS, types.int64, *NORMAL_EQUATIONS.args[1:])
 
@@ -77,7 +78,7 @@ def _add(entries, column, value, r, H, g):  # type: ignore[no-untyped-def]
             row[column[b]] += x * value[b]
 
 
-@njit(_SIGNATURE, cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@compiled(_SIGNATURE, fastmath=FAST)
 def normal_equations(  # type: ignore[no-untyped-def]
     rows, local, parameters, camera, T, theta, modes, points, uv, weight, offsets, loss, scale_sq, first, last, H, g,
     cost,

@@ -71,7 +71,9 @@ class SurfacePrior(Factor):
     def blocks(self, values: Sequence[Array], *, sigma: float) -> FactorBlocks:
         (x,) = values
         gradient = x @ self.information
-        return FactorBlocks(0.5 * float(np.sum(gradient * x)), self.information[None], gradient, (len(self.information),))
+        return FactorBlocks(
+            0.5 * float(np.sum(gradient * x)), self.information[None], gradient, (len(self.information),)
+        )
 
 
 def _surface_root(kind: Splined) -> Array:

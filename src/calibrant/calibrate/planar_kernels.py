@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit, types
 
 from calibrant.cameras.kernels import FAST
+from calibrant.compiled import compiled
 
 _f1, _f2, _f3 = types.float64[::1], types.float64[:, ::1], types.float64[:, :, ::1]
 _constant_plane = types.Array(types.float64, 2, "C", readonly=True)  # writable arrays convert
@@ -85,12 +86,7 @@ def _normal_matrix(M, A):  # type: ignore[no-untyped-def]
         A[8, c] = -A[8, c]
 
 
-@njit(
-    types.void(_constant_plane, _constant_plane, _constant_offsets, _f3, _f1),
-    cache=True,
-    nogil=True,
-    error_model="numpy",
-)
+@compiled(types.void(_constant_plane, _constant_plane, _constant_offsets, _f3, _f1))
 def homographies(plane, image, offsets, H, condition):  # type: ignore[no-untyped-def]
     """H (m, 3, 3) with image ~ H plane for every view, normal equations in normalised coordinates with h33 = 1.
 

@@ -19,6 +19,7 @@ from numba.extending import typeof_impl
 
 from calibrant.cameras import CameraModel
 from calibrant.cameras.kernels import FAST, ROWS, ROWS_ARGUMENTS
+from calibrant.compiled import compiled
 
 
 def _constant(kind, ndim):  # type: ignore[no-untyped-def]
@@ -171,7 +172,7 @@ def _view(rows, parameters, T, theta, points, modes, uv, weight, first, n, loss,
     return cost
 
 
-@njit(NORMAL_EQUATIONS, cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@compiled(NORMAL_EQUATIONS, fastmath=FAST)
 def normal_equations(  # type: ignore[no-untyped-def]
     rows, parameters, camera, T, theta, modes, points, uv, weight, offsets, loss, scale_sq, first, last, H, g, cost
 ):
@@ -197,7 +198,7 @@ def normal_equations(  # type: ignore[no-untyped-def]
         )  # fmt: skip
 
 
-@njit(_RESIDUALS, cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@compiled(_RESIDUALS, fastmath=FAST)
 def residuals(rows, parameters, camera, T, theta, modes, points, uv, offsets, first, last, out):  # type: ignore[no-untyped-def]
     """out (N, 2) = predicted - observed pixels of the views first <= v < last; NaN where the model sees no point."""
     for v in range(first, last):

@@ -29,6 +29,6 @@ class Brown(Perspective):
         return rows
 
     def rays(self) -> Any:
-        from calibrant.cameras.brown_rows import rays
+        from calibrant.cameras.brown_rays import rays
 
         return rays

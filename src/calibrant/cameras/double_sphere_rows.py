@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from calibrant.cameras.kernels import FAST, ROWS_ARGUMENTS
 from calibrant.cameras.radial_rows import place
+from calibrant.compiled import compiled
 
 
-@njit(ROWS_ARGUMENTS, cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@compiled(ROWS_ARGUMENTS, fastmath=FAST)
 def rows(n, parameters, p, uv, J_point, J_parameters):  # type: ignore[no-untyped-def]
     fx, fy, xi, alpha = parameters[0], parameters[1], parameters[4], parameters[5]
     w1 = alpha / (1.0 - alpha) if alpha <= 0.5 else (1.0 - alpha) / alpha

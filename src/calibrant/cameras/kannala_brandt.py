@@ -70,7 +70,7 @@ class KannalaBrandt(Radial):
         return rows
 
     def rays(self) -> Any:
-        from calibrant.cameras.kannala_brandt_rows import rays
+        from calibrant.cameras.kannala_brandt_rays import rays
 
         return rays
 

@@ -1,7 +1,7 @@
 """Compiled inverse of polynomial distortion in the plane (k1 k2 p1 p2 k3), for the models that contain it.
 
 Functions here are inlined into the compiled forms of other files, whose caches know only their own file's age: after a
-change here, touch brown_rows, unified_rows and inverse_brown_rows.
+change here, touch brown_rays, unified_rays, inverse_brown_rows and division_rows.
 """
 
 from __future__ import annotations

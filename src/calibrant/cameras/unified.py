@@ -95,7 +95,7 @@ class Unified(CameraModel):
         return rows
 
     def rays(self) -> Any:
-        from calibrant.cameras.unified_rows import rays
+        from calibrant.cameras.unified_rays import rays
 
         return rays
 

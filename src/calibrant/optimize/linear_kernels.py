@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, types
+from numba import types
+
+from calibrant.compiled import compiled
 
 _f1, _f2, _f3 = types.float64[::1], types.float64[:, ::1], types.float64[:, :, ::1]
 _c2, _c3 = (types.Array(types.float64, n, "C", readonly=True) for n in (2, 3))  # writable arrays convert
@@ -11,12 +13,7 @@ _i1 = types.Array(types.int64, 1, "C", readonly=True)
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
 
 
-@njit(
-    types.void(_c3, _c2, _i1, _i1, types.int64[:, :, ::1], _f1, _f1, _f1, _f2, _f1),
-    cache=True,
-    nogil=True,
-    error_model="numpy",
-)
+@compiled(types.void(_c3, _c2, _i1, _i1, types.int64[:, :, ::1], _f1, _f1, _f1, _f2, _f1))
 def add_edges(H, g, starts, dims, places, V, W, v, S, s):  # type: ignore[no-untyped-def]
     """Add every edge's H (m, f, f) and g (m, f) to where its slots' columns go; see `structure.Structure`.
 
@@ -53,13 +50,7 @@ def add_edges(H, g, starts, dims, places, V, W, v, S, s):  # type: ignore[no-unt
                             S[row + i, column + j] += H[e, first + i, other + j]
 
 
-@njit(
-    types.boolean(_c3, _c3, _c2, types.float64, types.float64, _f3, _f3, _f2, types.int64[::1]),
-    cache=True,
-    nogil=True,
-    fastmath=_FAST,
-    error_model="numpy",
-)
+@compiled(types.boolean(_c3, _c3, _c2, types.float64, types.float64, _f3, _f3, _f2, types.int64[::1]), fastmath=_FAST)
 def eliminate(V, W, v, damping, tolerance, L, Y, z, weak):  # type: ignore[no-untyped-def]
     """L L^T = V + damping diag V; Y = L^-1 W; z = L^-1 v. weak[c]: first column whose pivot is rounding, or -1.
 
@@ -104,13 +95,7 @@ def eliminate(V, W, v, damping, tolerance, L, Y, z, weak):  # type: ignore[no-un
     return singular
 
 
-@njit(
-    types.float64(_f2, _f1, _f2, _f1, types.float64, types.float64, _f1),
-    cache=True,
-    nogil=True,
-    fastmath=_FAST,
-    error_model="numpy",
-)
+@compiled(types.float64(_f2, _f1, _f2, _f1, types.float64, types.float64, _f1), fastmath=_FAST)
 def solve_shared(S, s, before, gradient, damping, tolerance, x):  # type: ignore[no-untyped-def]
     """x = -(S + damping diag S_0)^-1 s by Cholesky, S_0 = `before` the elimination; S is overwritten by its factor.
 
@@ -148,7 +133,7 @@ def solve_shared(S, s, before, gradient, damping, tolerance, x):  # type: ignore
     return 0.5 * predicted
 
 
-@njit(types.float64(_f2, _f2), cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
+@compiled(types.float64(_f2, _f2), fastmath=_FAST)
 def invert_definite(S, inverse):  # type: ignore[no-untyped-def]
     """inverse = S^-1 by Cholesky. Returns the smallest pivot; `inverse` is not filled when that is not above 0."""
     n = S.shape[0]
@@ -186,13 +171,7 @@ def invert_definite(S, inverse):  # type: ignore[no-untyped-def]
     return smallest
 
 
-@njit(
-    types.float64(_f3, _f3, _f2, _f1, _f3, _f2, types.float64, _f2),
-    cache=True,
-    nogil=True,
-    fastmath=_FAST,
-    error_model="numpy",
-)
+@compiled(types.float64(_f3, _f3, _f2, _f1, _f3, _f2, types.float64, _f2), fastmath=_FAST)
 def substitute(L, Y, z, shared, V, v, damping, d):  # type: ignore[no-untyped-def]
     """d = -L^-T (z + Y shared): the components' steps once the shared step is known.
 
@@ -217,7 +196,7 @@ def substitute(L, Y, z, shared, V, v, damping, d):  # type: ignore[no-untyped-de
     return 0.5 * predicted
 
 
-@njit(types.void(_f3, _f3, _f2, _f3, _f3), cache=True, nogil=True, fastmath=_FAST, error_model="numpy")
+@compiled(types.void(_f3, _f3, _f2, _f3, _f3), fastmath=_FAST)
 def component_covariances(L, Y, shared, own, cross):  # type: ignore[no-untyped-def]
     """own = V^-1 + U shared U^T and cross = -U shared, U = L^-T Y: the blocks of the inverse that a component sees.
 

@@ -7,13 +7,15 @@ arithmetic.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, types
+from numba import types
+
+from calibrant.compiled import compiled
 
 _constant = types.Array(types.float64, 3, "C", readonly=True)
 _steps = types.Array(types.float64, 2, "C", readonly=True)
 
 
-@njit(types.void(_constant, _steps, types.float64[:, :, ::1]), cache=True, nogil=True, error_model="numpy")
+@compiled(types.void(_constant, _steps, types.float64[:, :, ::1]))
 def retract(T, delta, out):  # type: ignore[no-untyped-def]
     """out = (exp(omega) R, t + v), delta = (omega, v); Rodrigues' formula as in `geometry.so3.exp`."""
     for i in range(T.shape[0]):

@@ -50,6 +50,7 @@ class Kept:
 
     result: CalibrationResult
     views: tuple[View, ...]
+    stacked: StackedViews
     solution: Solution
 
 
@@ -135,7 +136,7 @@ def calibrate_keeping(
     if figures is not None:
         options = {**result.options, "target_shape": target_shape}
         result = replace(result, options=options, target_shape=with_noise(figures, result.sigma_px or 0.0))
-    return Kept(result, fit.views, fit.solution)
+    return Kept(result, fit.views, fit.stacked, fit.solution)
 
 
 def _why_no_view(observations: Observations, reasons: dict[str, str]) -> str:
@@ -151,7 +152,7 @@ def _why_no_view(observations: Observations, reasons: dict[str, str]) -> str:
 def _enough_points(views: Sequence[View]) -> tuple[tuple[View, ...], dict[str, str]]:
     """Views with points enough for a pose, and the reasons for the others."""
     few = {v.id: f"{len(v)} points, a pose needs {MINIMUM_POINTS}" for v in views if len(v) < MINIMUM_POINTS}
-    return tuple(v for v in views if len(v) >= MINIMUM_POINTS), few
+    return tuple(v for v in views if v.id not in few) if few else tuple(views), few
 
 
 def _without(views: Sequence[View], good: NDArray[np.bool_]) -> tuple[tuple[View, ...], dict[str, str]]:
@@ -316,10 +317,11 @@ def _view_results(
     too_small: dict[str, str],
     squares: Array,
 ) -> tuple[ViewResult, ...]:
-    sums = np.sqrt(np.add.reduceat(squares, fit.stacked.offsets[:-1]) / np.diff(fit.stacked.offsets))
+    counts = np.diff(fit.stacked.offsets)
+    rms = np.sqrt(np.add.reduceat(squares, fit.stacked.offsets[:-1]) / counts)
+    typical, sizes, each = float(np.median(rms)), counts.tolist(), rms.tolist()
     T = fit.solution.value("T_camera_target") if fit.T_camera_target is None else fit.T_camera_target
     place = {v.id: i for i, v in enumerate(fit.views)}
-    typical = float(np.median(sums))
     out = []
     for view in all_views:
         camera = view.camera
@@ -327,10 +329,9 @@ def _view_results(
             out.append(ViewResult(view.id, False, len(view), reason=too_small[view.id], camera=camera))
         elif view.id in place:
             i = place[view.id]
-            n = len(fit.views[i])
-            lost = len(view) - n
+            lost = len(view) - sizes[i]
             reason = points_reason(lost, len(view), marked.limit_px) if lost else None
-            out.append(ViewResult(view.id, True, n, float(sums[i]), reason, camera, lost, T[i]))
+            out.append(ViewResult(view.id, True, sizes[i], each[i], reason, camera, lost, T[i]))
         else:
             out.append(ViewResult(view.id, False, len(view), None, view_reason(len(view), typical), camera))
     return tuple(out)

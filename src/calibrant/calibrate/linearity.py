@@ -15,7 +15,7 @@ form. The refinement finds the one on the side it starts from; the other is trie
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -68,28 +68,26 @@ def bending(camera: Camera, views: StackedViews, T_camera_target: Array, sigma_p
         return gamma
     chosen = np.unique(np.linspace(0, len(views.uv) - 1, POINTS).astype(np.int64))
     edge = np.repeat(np.arange(len(views.offsets) - 1), np.diff(views.offsets))[chosen]
-    pixels = _pixels_of(kind, np.ascontiguousarray(se3.apply(T_camera_target[edge], views.points[chosen]).T))
-    sigma, middle = np.sqrt(np.diag(camera.covariance)), 2 * pixels(camera.values)
+    p = np.ascontiguousarray(se3.apply(T_camera_target[edge], views.points[chosen]).T)
+    sigma = np.sqrt(np.diag(camera.covariance))
+    moving = np.flatnonzero(sigma > 0)
+    e = QUANTILE * camera.covariance[moving] / sigma[moving, None]
+    middle, *ends = _pixels(kind, [camera.values, *(camera.values + e), *(camera.values - e)], p)
     share = np.sqrt(len(views.uv) / len(chosen)) / views.sigma[chosen]
-    for k in np.flatnonzero(sigma > 0):
-        e = QUANTILE * camera.covariance[:, k] / sigma[k]
-        missed = (pixels(camera.values + e) + pixels(camera.values - e) - middle) * share
+    for k, above, below in zip(moving, ends[: len(moving)], ends[len(moving) :]):
+        missed = (above + below - 2 * middle) * share
         size = np.sqrt(np.vdot(missed, missed)) / (2 * sigma_px)
         gamma[k] = size if np.isfinite(size) else np.inf
     return gamma
 
 
-def _pixels_of(kind: CameraModel, p: Array) -> Callable[[Array], Array]:
-    """Parameters (k,) -> pixels (2, n) of the points p (3, n), by the compiled model: it is asked twice a parameter."""
+def _pixels(kind: CameraModel, values: Sequence[Array], p: Array) -> Array:
+    """Pixels (m, 2, n) of the points p (3, n) for each of m sets of parameters (k,), by the compiled model."""
     n, rows = p.shape[1], kind.rows()
-    J_point, J_parameters = np.empty((6, n)), np.empty((2 * len(kind.parameter_names), n))
-
-    def pixels(values: Array) -> Array:
-        uv = np.empty((2, n))
-        rows(n, values, p, uv, J_point, J_parameters)
-        return uv
-
-    return pixels
+    uv, J_point, J_parameters = np.empty((len(values), 2, n)), np.empty((6, n)), np.empty((2 * len(values[0]), n))
+    for parameters, into in zip(values, uv):
+        rows(n, parameters, p, into, J_point, J_parameters)
+    return uv
 
 
 def better_of_two(fit: Fit, kind: CameraModel, fix: Sequence[str]) -> Fit:

@@ -110,13 +110,13 @@ def focal_lengths(H: Array, centre: Array) -> tuple[float, float] | None:
 
 def _least_absolute(columns: Array, right: Array) -> Array | None:
     """x with the least sum of |columns x - right|, by reweighted normal equations; None when they are singular."""
-    stacked = np.concatenate([columns, right[:, None]], axis=1)
+    stacked = np.concatenate([columns.T, right[None]])
     k = columns.shape[1]
     weights: Array = np.ones(len(right))
-    solution = np.zeros(k)
+    solution = [0.0] * k
     for _ in range(10):
         # At most two unknowns: Cramer's rule on numbers is ten times faster than the general solver here.
-        N = ((columns * weights[:, None]).T @ stacked).tolist()
+        N = ((stacked[:k] * weights) @ stacked.T).tolist()
         if k == 1:
             determinant, size, found = N[0][0], 1.0, [N[0][1]]
         else:
@@ -125,21 +125,23 @@ def _least_absolute(columns: Array, right: Array) -> Array | None:
         # Columns closer to parallel than 1e-6 say nothing about both unknowns: rounding of the homographies is larger.
         if not determinant > 1e-12 * size:
             return None
-        before, solution = solution, np.array(found) / determinant
-        if np.all(np.abs(solution - before) < 1e-4 * np.abs(solution)):
+        before, solution = solution, [x / determinant for x in found]
+        if all(abs(x - old) < 1e-4 * abs(x) for x, old in zip(solution, before)):
             break  # half that in the focal length: a start
-        residual = np.abs(columns @ solution - right)
-        weights = 1 / np.maximum(residual, 1e-3 * float(residual.mean()) + 1e-300)
-    return solution
+        residual = np.abs(np.array([*solution, -1.0]) @ stacked)
+        weights = 1 / np.maximum(residual, 1e-3 * float(residual.sum()) / len(right) + 1e-300)
+    return np.array(solution)
 
 
 def poses(H: Array, K: Array) -> Array:
     """T_camera_plane (m, 4, 4) from homographies: [r1 r2 t] ~ K^-1 H, r orthonormalised, the plane in front."""
-    a = np.linalg.solve(K, H)
-    scale = 2 / (np.linalg.norm(a[:, :, 0], axis=1) + np.linalg.norm(a[:, :, 1], axis=1))
+    a = np.linalg.inv(K) @ H
+    lengths = np.sqrt(np.einsum("nij,nij->nj", a, a))
     # `homographies` scales H so that the points' centroid has a positive third coordinate: it is in front already.
-    a = a * scale[:, None, None]
-    R = np.stack([a[:, :, 0], a[:, :, 1], np.cross(a[:, :, 0], a[:, :, 1])], axis=-1)
+    a *= (2 / (lengths[:, 0] + lengths[:, 1]))[:, None, None]
+    R = np.empty_like(a)
+    R[:, :, :2] = a[:, :, :2]
+    R[:, :, 2] = (so3.hat(a[:, :, 0]) @ a[:, :, 1, None])[:, :, 0]
     return se3.make(so3.nearest(R), a[:, :, 2])
 
 

@@ -121,7 +121,8 @@ class ReprojectionFactor(Factor):
         """The chain's product (m, 4, 4) for the slots' values."""
         links = self._split(values)[0]
         if self._plain:
-            return np.ascontiguousarray(np.broadcast_to(links[0], (self.edges, 4, 4)))
+            T = links[0]
+            return np.ascontiguousarray(T if len(T) == self.edges else np.broadcast_to(T, (self.edges, 4, 4)))
         return chains.compiled_products(self.chain, links, self.edges)[0]
 
     def _deformed(self, theta: Array) -> Array:

@@ -22,11 +22,11 @@ from calibrant.calibrate.camera_options import camera_manifold
 from calibrant.calibrate.chain import Link
 from calibrant.calibrate.intrinsics import Kept, calibrate_keeping
 from calibrant.calibrate.provenance import refuse_if_failed, stamp
-from calibrant.calibrate.reprojection import ReprojectionFactor, stack
+from calibrant.calibrate.reprojection import ReprojectionFactor
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Check, Observations, ViewResult, as_transform, verdict_of
 from calibrant.errors import InputError, RefusedError
-from calibrant.geometry import se3, so3
+from calibrant.geometry import se3
 from calibrant.optimize import SE3, NoiseEstimate, Problem, Variable, estimate_noise, uncertainty
 
 Array = NDArray[np.float64]
@@ -161,8 +161,11 @@ def _robust_mean(T: Array) -> Array:
 
     Distances add metres and radians: at a metre's distance one weighs as much as the other.
     """
-    angle = so3.log(T[:, None, :3, :3] @ np.swapaxes(T[None, :, :3, :3], -1, -2))
-    distance = np.linalg.norm(angle, axis=-1) + np.linalg.norm(T[:, None, :3, 3] - T[None, :, :3, 3], axis=-1)
+    # |R_a - R_b| = sqrt(8) sin(angle / 2) in the Frobenius norm.
+    turned = (T[:, None, :3, :3] - T[None, :, :3, :3]).reshape(len(T), len(T), 9)
+    shift = T[:, None, :3, 3] - T[None, :, :3, 3]
+    chord = np.sqrt(np.einsum("abi,abi->ab", turned, turned) / 8)
+    distance = 2 * np.arcsin(np.minimum(chord, 1)) + np.sqrt(np.einsum("abi,abi->ab", shift, shift))
     typical = np.median(distance, axis=1)
     medoid = int(np.argmin(typical))
     return se3.mean(T[distance[medoid] <= 3 * typical[medoid] + 1e-12])
@@ -182,7 +185,7 @@ def _problem(alone: Mapping[str, Kept], start: RigStart, reference: str, fix: Se
         variables.append(Variable(name, manifold, camera.values[None], words=f"the lens of {name}"))
         factors.append(
             ReprojectionFactor(
-                name, model=camera.model, camera=name, chain=chain, views=stack(kept.views), noise=_group(name)
+                name, model=camera.model, camera=name, chain=chain, views=kept.stacked, noise=_group(name)
             )
         )
     return Problem(tuple(variables), tuple(factors))
@@ -207,7 +210,7 @@ def _result(observations: Observations, fit: RigFit, model: str, fix: Sequence[s
             T = solution.value(_frame(name))[0]
             C = uncertainty.of_inverse(T, solution.covariance(_frame(name)))
             transforms.append(as_transform(reference, name, se3.inverse(T), C))
-    points = sum(len(v) for kept in alone.values() for v in kept.views)
+    points = sum(len(kept.stacked.uv) for kept in alone.values())
     rms_px = float(np.sqrt(squares / points))
     checks = _checks(alone, start, estimate, rms_px)
     return CalibrationResult(
@@ -229,7 +232,8 @@ def _views(kept: Kept, problem: Problem, values: tuple[Array, ...], name: str, s
     k = problem.factor_index(name)
     factor = problem.factors[k]
     T = factor.T_camera_target(*problem.gather(k, values))  # type: ignore[attr-defined]
-    ends = np.cumsum([len(v) for v in kept.views])
+    offsets = kept.stacked.offsets
+    rms = np.sqrt(np.add.reduceat(squares, offsets[:-1]) / np.diff(offsets)).tolist()
     place = {v.id: i for i, v in enumerate(kept.views)}
     out = []
     for view in kept.result.views:
@@ -237,8 +241,7 @@ def _views(kept: Kept, problem: Problem, values: tuple[Array, ...], name: str, s
         if i is None:
             out.append(view)
             continue
-        rms = float(np.sqrt(squares[ends[i] - view.points : ends[i]].mean()))
-        out.append(ViewResult(view.id, True, view.points, rms, view.reason, view.camera, view.points_left_out, T[i]))
+        out.append(ViewResult(view.id, True, view.points, rms[i], view.reason, view.camera, view.points_left_out, T[i]))
     return out
 
 
@@ -249,8 +252,8 @@ def _checks(alone: Mapping[str, Kept], start: RigStart, estimate: NoiseEstimate,
     text = f"{weakest.a} and {weakest.b} are tied by {weakest.shared} common moments, the fewest of the rig"
     # A rig that holds adds nothing to what each camera's own fit leaves.
     own = np.sqrt(
-        sum((k.result.rms_px or 0.0) ** 2 * sum(len(v) for v in k.views) for k in alone.values())
-        / sum(len(v) for k in alone.values() for v in k.views)
+        sum((k.result.rms_px or 0.0) ** 2 * len(k.stacked.uv) for k in alone.values())
+        / sum(len(k.stacked.uv) for k in alone.values())
     )
     ratio = rms_px / own if own > 0 else 1.0
     together = f"{rms_px:.3g} px rms with the cameras fixed to each other, {own:.3g} px each for itself"

@@ -16,9 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.calibrate import camera_start
-from calibrant.calibrate.classical.dlt import LEAST_POINTS, calibrate_dlt, dlt
-from calibrant.calibrate.classical.points import dimension
-from calibrant.calibrate.classical.refusals import Degenerate
 from calibrant.calibrate.planar_start import PlaneViews, in_plane, see_plane
 from calibrant.calibrate.reprojection import StackedViews
 from calibrant.cameras import Camera, CameraModel
@@ -51,6 +48,8 @@ def see_target(views: StackedViews) -> PlaneViews | SolidViews:
     """What the views show of a flat target, or of one with depth."""
     if is_flat(views.points):
         return see_plane(views)
+    from calibrant.calibrate.classical.points import dimension  # flat targets, the ordinary ones, go without
+
     parts = np.split(views.points, views.offsets[1:-1])
     return SolidViews(np.array([len(p) >= FEWEST_POINTS and dimension(p) > 1 for p in parts]))
 
@@ -83,6 +82,9 @@ def first_camera(views: StackedViews, kind: CameraModel, image_size: tuple[int, 
 
     Raises: InputError when no view determines them: then a start value is needed.
     """
+    from calibrant.calibrate.classical.dlt import LEAST_POINTS, calibrate_dlt
+    from calibrant.calibrate.classical.refusals import Degenerate
+
     found, reasons = [], []
     for points, uv in zip(np.split(views.points, views.offsets[1:-1]), np.split(views.uv, views.offsets[1:-1])):
         try:
@@ -119,6 +121,8 @@ def poses_of_rays(points: Array, rays: Array, offsets: NDArray[np.int64]) -> tup
 
 def _pose(points: Array, rays: Array) -> Array | None:
     """The candidate that sees the points nearest to their rays; None when the points determine no pose."""
+    from calibrant.calibrate.classical.points import dimension
+
     if len(points) < FEWEST_POINTS or dimension(points) < 2:
         return None
     if is_flat(points):
@@ -130,6 +134,9 @@ def _pose(points: Array, rays: Array) -> Array | None:
 
 
 def _by_dlt(points: Array, rays: Array) -> list[Array]:
+    from calibrant.calibrate.classical.dlt import LEAST_POINTS, dlt
+    from calibrant.calibrate.classical.refusals import Degenerate
+
     turn = camera_start.onto_axis(rays.mean(axis=0)[None])[0]
     turned = rays @ turn.T
     if len(points) < LEAST_POINTS or turned[:, 2].min() < IN_FRONT:

@@ -97,8 +97,8 @@ class Factor(ABC):
         self.row_offsets = None if row_offsets is None else np.asarray(row_offsets, dtype=np.int64)
         self.blocks_count = self.edges if self.row_offsets is None else int(self.row_offsets[-1])
         sigma = np.broadcast_to(np.asarray(relative_sigma, dtype=np.float64), (self.blocks_count,))
-        self.weight = 1.0 / sigma if np.all(np.isfinite(sigma) & (sigma > 0)) else sigma
         self._check(sigma)
+        self.weight = 1.0 / sigma
 
     def _check(self, sigma: Array) -> None:
         if self.edges == 0 or self.blocks_count == 0:

@@ -97,6 +97,9 @@ class _Flat:
 
     @classmethod
     def of(cls, shapes: Sequence[tuple[int, ...]]) -> _Flat:
+        if len(shapes) == 1:
+            only = np.zeros(shapes[0])
+            return cls(only.reshape(-1), (only,))
         sizes = [prod(shape) for shape in shapes]
         flat = np.zeros(sum(sizes))
         ends = accumulate(sizes)
@@ -114,12 +117,12 @@ def in_free(blocks: FactorBlocks, bases: Sequence[Array | None]) -> tuple[Array,
     bases: natural-from-free of each slot, None for the identity: H <- B^T H B, g <- B^T g.
     """
     if all(basis is None for basis in bases):
-        return blocks.H, blocks.g, np.array((0, *blocks.ends[:-1]))
+        return blocks.H, blocks.g, np.array((0, *blocks.ends[:-1]), dtype=np.int64)
     turned = _columns_in_free(blocks.H, blocks.pieces, bases)
     H = np.ascontiguousarray(_columns_in_free(np.swapaxes(turned, -1, -2), blocks.pieces, bases))
     g = np.ascontiguousarray(_columns_in_free(blocks.g[:, None, :], blocks.pieces, bases)[:, 0])
     widths = [piece.stop - piece.start if b is None else b.shape[2] for piece, b in zip(blocks.pieces, bases)]
-    return H, g, np.cumsum([0, *widths[:-1]])
+    return H, g, np.cumsum([0, *widths[:-1]], dtype=np.int64)
 
 
 def _columns_in_free(M: Array, pieces: Sequence[slice], bases: Sequence[Array | None]) -> Array:

@@ -54,20 +54,16 @@ def noise_shares(solution: Solution) -> NoiseShares:
     across = np.zeros((K, K))
     for batch, inverse in enumerate(inverses):
         P = -inverse @ solution.equations.W[batch]
-        turned = [share.V[batch] @ inverse for share in shares]
-        transposed = [np.swapaxes(t, 1, 2).ravel() for t in turned]
-        Q = [share.V[batch] @ P + share.W[batch] for share in shares]
-        through = [(inverse @ q).ravel() for q in Q]
+        V, W = np.stack([share.V[batch] for share in shares]), np.stack([share.W[batch] for share in shares])
+        turned, through_P = V @ inverse, V @ P
+        Q = through_P + W
+        traces += np.einsum("knii->k", turned)
+        own += turned.reshape(K, -1) @ np.swapaxes(turned, 2, 3).reshape(K, -1).T
         # tr(G_kl C_s) = sum of (Q_k C_s) times (V^-1 Q_l), number by number.
-        weighed = [(_flat(q) @ C_s).ravel() for q in Q]
-        for k in range(K):
-            traces[k] += np.einsum("nii->", turned[k])
-            # P^T (V_k P + W_k) + W_k^T P.
-            half = _flat(shares[k].W[batch]).T @ _flat(P)
-            B[k] += _flat(P).T @ _flat(Q[k]) + half
-            for m in range(K):
-                own[k, m] += float(turned[k].ravel() @ transposed[m])
-                across[k, m] += float(weighed[k] @ through[m])
+        across += (Q.reshape(-1, len(C_s)) @ C_s).reshape(K, -1) @ (inverse @ Q).reshape(K, -1).T
+        # P^T V_k P + P^T W_k + W_k^T P is the symmetric part of P^T (V_k P + 2 W_k).
+        half = 0.5 * _flat(P).T @ (Q + W).reshape(K, -1, len(C_s))
+        B += half + np.swapaxes(half, 1, 2)
     seen = B @ C_s
     traces += np.einsum("kii->k", seen)
     products = own + 2 * across + seen.reshape(K, -1) @ np.swapaxes(seen, 1, 2).reshape(K, -1).T

@@ -10,8 +10,9 @@ from typing import Any
 import pytest
 import typer
 
-from calibrant.cli.application import app
+from calibrant.cli.application import application
 
+app = application()
 DOCS = Path(__file__).parents[2] / "docs"
 LINE = re.compile(r"^(?: {4})?(calibrant [a-z].*)$", re.MULTILINE)
 

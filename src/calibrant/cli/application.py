@@ -7,56 +7,35 @@ from __future__ import annotations
 
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from importlib import import_module
 
 import typer
 
-from calibrant.cli import (
-    capture,
-    demo,
-    detect,
-    doctor,
-    dynamic,
-    hand_eye,
-    intrinsics,
-    kinematics,
-    next_pose,
-    pose,
-    report,
-    study,
-    target,
-    time_offset,
-    tool,
-    undistort,
-    vanishing,
-)
 from calibrant.errors import CalibrantError
 
-app = typer.Typer(
-    name="calibrant",
-    help="Calibrate cameras and robots, and prove it: from photos and robot poses to millimetres one can trust.",
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-app.command("demo", short_help="The whole chain on a simulated robot cell.")(demo.demo)
-app.command("target", short_help="Print a board at true size.")(target.target)
-app.command("detect", short_help="Find a board in photos.")(detect.detect)
-app.command("capture", short_help="Take views from a running camera until it is known.")(capture.capture)
-app.command("intrinsics", short_help="Calibrate a camera from photos of a board.")(intrinsics.intrinsics)
-app.command("hand-eye", short_help="Find where the camera is, on a robot or beside it.")(hand_eye.hand_eye)
-app.command("pose", short_help="Find where a target is, from photos.")(pose.pose)
-app.command("doctor", short_help="Find what is wrong with hand-eye data, and repair it.")(doctor.doctor)
-app.command("kinematics", short_help="Identify and correct a robot's geometry.")(kinematics.kinematics)
-app.command("next-pose", short_help="Say which poses to take next, or from the start.")(next_pose.next_pose)
-app.command("time-offset", short_help="Find the offset between camera's and robot's clocks.")(time_offset.time_offset)
-app.command("dynamic", short_help="Locate a camera beside the robot through the wrist camera.")(dynamic.dynamic)
-app.command("vanishing", short_help="Find how a camera is turned, from a scene's edges.")(vanishing.vanishing)
-app.add_typer(tool.app, name="tool", short_help="Find a tool's tip, by touch or by sight.")
-app.command("undistort", short_help="Undistort photos.")(undistort.undistort)
-app.add_typer(study.app, name="study", short_help="Compare methods, and see when each fails.")
-app.command("report", short_help="Show a result file, or make its HTML report.")(report.report)
+COMMANDS = {
+    "demo": "The whole chain on a simulated robot cell.",
+    "target": "Print a board at true size.",
+    "detect": "Find a board in photos.",
+    "capture": "Take views from a running camera until it is known.",
+    "intrinsics": "Calibrate a camera from photos of a board.",
+    "hand-eye": "Find where the camera is, on a robot or beside it.",
+    "pose": "Find where a target is, from photos.",
+    "doctor": "Find what is wrong with hand-eye data, and repair it.",
+    "kinematics": "Identify and correct a robot's geometry.",
+    "next-pose": "Say which poses to take next, or from the start.",
+    "time-offset": "Find the offset between camera's and robot's clocks.",
+    "dynamic": "Locate a camera beside the robot through the wrist camera.",
+    "vanishing": "Find how a camera is turned, from a scene's edges.",
+    "undistort": "Undistort photos.",
+    "report": "Show a result file, or make its HTML report.",
+    "tool": "Find a tool's tip, by touch or by sight.",
+    "study": "Compare methods, and see when each fails.",
+}
+"""Every command and what the list says of it: the function of that name in the module of that name, - as _."""
+GROUPS = ("tool", "study")
+"""Commands that have commands of their own: `app` in the module of that name."""
 
 MANY_VALUES = (
     *("--images", "-i", "--poses", "--target-poses", "--exclude", "--fix"),
@@ -64,6 +43,31 @@ MANY_VALUES = (
     *("--wrist-images", "--external-images"),
 )
 """Options that take every value up to the next option, so that a shell's pattern (--images photos/*.png) works."""
+
+
+def application(names: Iterable[str] = COMMANDS) -> typer.Typer:
+    """The command line with these commands: Typer reads every option of each, which takes time for all of them."""
+    app = typer.Typer(
+        name="calibrant",
+        help="Calibrate cameras and robots, and prove it: from photos and robot poses to millimetres one can trust.",
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    app.callback()(_alone)
+    for name in names:
+        own = name.replace("-", "_")
+        module = import_module(f"calibrant.cli.{own}")
+        if name in GROUPS:
+            app.add_typer(module.app, name=name, short_help=COMMANDS[name])
+        else:
+            app.command(name, short_help=COMMANDS[name])(getattr(module, own))
+    return app
+
+
+def _alone() -> None:
+    """Without a callback, Typer would take one command alone for the whole program, its name for an argument."""
 
 
 def spread(arguments: Sequence[str]) -> list[str]:
@@ -93,6 +97,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     debug = "--debug" in given
     try:
+        app = application([given[0]] if given[0] in COMMANDS else COMMANDS)
         status = app(spread(given), standalone_mode=False, prog_name="calibrant")
     except CalibrantError as error:
         return _failed(error, error.exit_status, debug)
@@ -111,7 +116,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 
 def _misused(error: BaseException, message: str, given: Sequence[str], debug: bool) -> int:
-    command = next((f"{c.name} " for c in app.registered_commands if c.name == given[0]), "")
+    command = f"{given[0]} " if given[0] in COMMANDS and given[0] not in GROUPS else ""
     return _failed(error, 2, debug, text=f"{message.rstrip('.')}. See calibrant {command}--help.")
 
 

@@ -70,16 +70,23 @@ class RawPoses:
 
     def __post_init__(self) -> None:
         _refuse_repeated(self.names, self.places)
-        for where, t, r in zip(self.places, self.translation, self.rotation, strict=True):
-            if not (np.all(np.isfinite(t)) and np.all(np.isfinite(r))):
-                raise InputError(
-                    f"{where}: NaN or infinity; a pose needs finite numbers: correct the line or remove it"
-                )
+        if not len(self.places) == len(self.translation) == len(self.rotation):
+            raise ValueError(
+                f"{len(self.places)} places, {len(self.translation)} poses, {len(self.rotation)} rotations"
+            )
+        for i in np.flatnonzero(~(_finite(self.translation) & _finite(self.rotation))):
+            raise InputError(
+                f"{self.places[i]}: NaN or infinity; a pose needs finite numbers: correct the line or remove it"
+            )
         for array in (self.translation, self.rotation):
             array.setflags(write=False)
 
     def __len__(self) -> int:
         return len(self.translation)
+
+
+def _finite(rows: Array) -> NDArray[np.bool_]:
+    return np.isfinite(rows.reshape(len(rows), -1)).all(axis=1)
 
 
 def _refuse_repeated(names: tuple[str, ...] | None, places: tuple[str, ...]) -> None:

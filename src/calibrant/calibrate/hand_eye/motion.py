@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calibrant.calibrate.hand_eye.relative import PosePairs, RelativeMotions, odd_part
+from calibrant.calibrate.hand_eye.relative import Index, PosePairs, RelativeMotions, odd_part, sample
 from calibrant.data.results import Check
 from calibrant.errors import RefusedError
 
@@ -300,7 +300,15 @@ def _chance_ratio(a: Array, b: Array) -> float:
 
 def _distinct_poses(pairs: PosePairs) -> int:
     """Number of distinct poses, a pose and the target seen from it together; counting stops at MANY_POSES."""
-    left = np.arange(len(pairs))
+    # Of a long session a part usually holds that many.
+    for rows in (sample(len(pairs), 2 * MANY_POSES), np.arange(len(pairs))):
+        count = _distinct_of(pairs, rows)
+        if count >= MANY_POSES or len(rows) == len(pairs):
+            break
+    return count
+
+
+def _distinct_of(pairs: PosePairs, left: Index) -> int:
     count = 0
     while len(left) and count < MANY_POSES:
         count += 1

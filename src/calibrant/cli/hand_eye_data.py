@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from calibrant.data import Missed, Observations, View
     from calibrant.detect.refinement import Refinement
     from calibrant.diagnose.doctor.diagnosis import Diagnosis
+    from calibrant.diagnose.doctor.finding import Finding
     from calibrant.formats.poses import PoseReading, RawPoses
 
 Array = NDArray[np.float64]
@@ -34,6 +35,7 @@ class Request:
     target: str | None = None
     observations: Path | None = None
     target_poses: tuple[str, ...] = ()
+    target_rotation: str = "auto"
     camera: Path | None = None
     setup: str = "auto"
     units: str = "auto"
@@ -72,6 +74,7 @@ class PairedData:
 
     observations with the camera that was given (or None), or T_camera_target (n, 4, 4); pairing: the rule in words;
     files: everything that was read. raw: the poses as the file has them; pose_index: the row of each that is used.
+    target_reading: how the target poses were read, where that is not as their file says or would be taken to mean.
     """
 
     complete: tuple[PoseReading, ...]
@@ -82,6 +85,7 @@ class PairedData:
     T_camera_target: Array | None = None
     raw: RawPoses | None = None
     pose_index: tuple[int, ...] = ()
+    target_reading: Finding | None = None
 
 
 def named_files(request: Request) -> list[str]:
@@ -119,7 +123,8 @@ def diagnose(data: PairedData, request: Request) -> Diagnosis:
     setup = request.setup
     if data.observations is None:
         B = np.asarray(data.T_camera_target)
-        return diagnose_poses(data.complete, B, setup=setup)  # type: ignore[arg-type]
+        found = diagnose_poses(data.complete, B, setup=setup)  # type: ignore[arg-type]
+        return found if data.target_reading is None else replace(found, findings=(*found.findings, data.target_reading))
     observations, camera = _seen(data, request)
     given = data.camera is not None
     return diagnose_views(data.complete, observations, camera, setup=setup, camera_given=given)  # type: ignore[arg-type]
@@ -200,10 +205,11 @@ def _ids_of(observations: Observations, files: Sequence[Path]) -> list[str]:
 
 
 def _with_target_poses(request: Request, raw: RawPoses) -> PairedData:
+    from calibrant.diagnose.doctor.target_notation import decide_target_notation
     from calibrant.formats.poses import read_poses, readings
 
     if request.target_poses:
-        target = read_poses(list(request.target_poses), units=request.units, angle=request.angle)
+        target = read_poses(list(request.target_poses), rotation=request.target_rotation)
     elif raw.target is not None:
         target = raw.target
     else:
@@ -212,10 +218,18 @@ def _with_target_poses(request: Request, raw: RawPoses) -> PairedData:
             "poses of the target (--target-poses)"
         )
     names, pose_index, target_index, pairing = _pair(raw, target, request.exclude)
-    B = np.asarray(readings(target, direction="base-gripper")[0].T_base_gripper)[target_index]
     complete = tuple(r.take(pose_index, names) for r in readings(raw))
-    files = (*request.poses, *request.target_poses)
-    return PairedData(complete, pairing, files, T_camera_target=B, raw=raw, pose_index=tuple(pose_index))
+    of_target = [r.take(target_index, names) for r in readings(target, direction="base-gripper")]
+    decided = decide_target_notation(complete, of_target)
+    return PairedData(
+        complete,
+        pairing,
+        (*request.poses, *request.target_poses),
+        T_camera_target=np.asarray(decided.reading.T_base_gripper),
+        raw=raw,
+        pose_index=tuple(pose_index),
+        target_reading=decided.finding,
+    )
 
 
 def _pair(raw: RawPoses, target: RawPoses, exclude: Sequence[str]) -> tuple[list[str], list[int], list[int], str]:

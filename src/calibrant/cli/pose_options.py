@@ -66,6 +66,12 @@ Rotation = Annotated[
         "--pose-rotation", metavar="FORM", help="auto, quat-xyzw, quat-wxyz, rotvec, euler:ZYX, euler:xyz …, matrix."
     ),
 ]
+TargetPoseRotation = Annotated[
+    str,
+    typer.Option(
+        "--target-pose-rotation", metavar="FORM", help="The same of --target-poses, where the data cannot tell."
+    ),
+]
 Angle = Annotated[str, typer.Option("--pose-angle", metavar="UNIT", help="auto, deg or rad.")]
 Direction = Annotated[str, typer.Option("--pose-direction", metavar="NAME", help="auto, base-gripper or gripper-base.")]
 Workspace = Annotated[

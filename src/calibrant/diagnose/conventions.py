@@ -116,7 +116,7 @@ def _preferred(candidates: Sequence[Alternative]) -> Alternative:
     return min(same, key=lambda a: (not a.plausible, order_of(a)))
 
 
-def _f_test(better: Alternative, worse: Alternative) -> tuple[float, float]:
+def loop_f_test(better: Alternative, worse: Alternative) -> tuple[float, float]:
     """Ratio of the loops (worse over better, the larger of mm and deg) and the p of it under equal noise.
 
     F = ratio^2 with 3 n - 6 numbers that are free on either side; two tests are made, so p is doubled (Bonferroni).
@@ -129,11 +129,11 @@ def _f_test(better: Alternative, worse: Alternative) -> tuple[float, float]:
 
 
 def _clearly_better(best: Alternative, stated: Alternative) -> bool:
-    ratio, p = _f_test(best, stated)
+    ratio, p = loop_f_test(best, stated)
     return best.score <= CONSISTENT and ratio >= CLEAR_RATIO and p <= EQUAL_P and misfit_of(best) < misfit_of(stated)
 
 
-def _same_result(a: Alternative, b: Alternative) -> bool:
+def same_result(a: Alternative, b: Alternative) -> bool:
     """True when both lead to one camera transform: closer than the loop leaves it, or than SAME_TRANSFORM."""
     if a.setup != b.setup:
         return False
@@ -154,9 +154,9 @@ def _confidence(chosen: Alternative, rivals: Sequence[Alternative]) -> float:
     a = T1^-1 T2, b = T2^-1 T3 of one setup are those of the other up to conjugation, (a, b) and (a, a b a^-1).
     """
     for rival in rivals:
-        if rival is chosen or _equivalent(chosen, rival) or _same_result(chosen, rival):
+        if rival is chosen or _equivalent(chosen, rival) or same_result(chosen, rival):
             continue
-        ratio, p = _f_test(chosen, rival)
+        ratio, p = loop_f_test(chosen, rival)
         if p > EQUAL_P or ratio < EQUAL_RATIO:
             if chosen.score > CONSISTENT:
                 return 0.0  # nothing fits at all: that is a finding of its own, not a choice between two
@@ -264,7 +264,7 @@ def _message(
     parts = [f"poses read as {chosen.description}: the loop closes to {chosen.loop_text}"]
     rival = next((a for a in ranked if not np.array_equal(a.X, chosen.X)), None)
     if rival is not None:
-        ratio, p = _f_test(chosen, rival)
+        ratio, p = loop_f_test(chosen, rival)
         chance = f"p = {p:.1g}" if p >= 1e-12 else "p < 1e-12"
         parts.append(
             f"the next reading, {rival.description}, leaves {rival.loop_text}, {ratio:.3g} times as much "

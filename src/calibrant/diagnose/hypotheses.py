@@ -119,7 +119,7 @@ def rank(readings: Sequence[PoseReading], T_camera_target: ArrayLike) -> tuple[A
         for setup in SETUPS:
             # Inverted eye-in-hand and eye-to-hand are one set of equations: solve it once.
             inverted = (reading.direction == "gripper-base") != (setup == "eye-to-hand")
-            key = (reading.units, reading.rotation, reading.angle, reading.by_axis_names, inverted)
+            key = (reading.units, *reading.notation, inverted)
             if key not in solved:
                 solved[key] = _solved(reading, setup, B)
             out.append(replace(solved[key], reading=reading, setup=setup))
@@ -136,32 +136,29 @@ def misfit_of(a: Alternative) -> float:
     return float(np.log(a.loop_rms_mm + FLOOR_MM) + np.log(a.loop_rms_deg + FLOOR_DEG))
 
 
-def _sieved(readings: Sequence[PoseReading], B: Array) -> list[PoseReading]:
-    """The readings whose relative angles agree with the target's about as well as the best ones' do."""
-    pairs = pair_indices(len(B))
-    camera = _relative_angles(B, pairs)
-    mismatch: dict[tuple[object, ...], float] = {}
-    keys = [(r.rotation, r.angle, r.by_axis_names) for r in readings]
-    for key, reading in zip(keys, readings):
-        if key not in mismatch:
+def notation_angles(readings: Sequence[PoseReading]) -> dict[tuple[str, str, bool], Array]:
+    """By notation, the angles between any two poses, rad: what neither X nor the direction or unit of poses changes."""
+    angles: dict[tuple[str, str, bool], Array] = {}
+    for reading in readings:
+        if reading.notation not in angles:
             # |R_j^T R_i| has the same angle as |R_j R_i^T|: the direction of the poses does not matter here.
             T = reading.T_base_gripper
-            T = T if reading.direction == "base-gripper" else se3.inverse(T)
-            mismatch[key] = float(np.median(np.abs(_relative_angles(T, pairs) - camera)))
-    limit = max(SIEVE_RATIO * min(mismatch.values()), min(mismatch.values()) + np.deg2rad(SIEVE_DEG))
+            angles[reading.notation] = _relative_angles(T, pair_indices(len(T)))
+    return angles
+
+
+def sieve_limit(best_mismatch: float) -> float:
+    """The largest mismatch of angles that passes the sieve, rad."""
+    return max(SIEVE_RATIO * best_mismatch, best_mismatch + np.deg2rad(SIEVE_DEG))
+
+
+def _sieved(readings: Sequence[PoseReading], B: Array) -> list[PoseReading]:
+    """The readings whose relative angles agree with the target's about as well as the best ones' do."""
+    camera = _relative_angles(B, pair_indices(len(B)))
+    mismatch = {key: float(np.median(np.abs(a - camera))) for key, a in notation_angles(readings).items()}
+    limit = sieve_limit(min(mismatch.values()))
     # The most believable reading stays, however bad: what the file states is judged by its loop.
-    return [
-        r for i, (key, r) in enumerate(zip(keys, readings)) if mismatch[key] <= limit or _as_first(r, readings[0], i)
-    ]
-
-
-def _as_first(reading: PoseReading, first: PoseReading, index: int) -> bool:
-    same = (reading.rotation, reading.angle, reading.by_axis_names) == (
-        first.rotation,
-        first.angle,
-        first.by_axis_names,
-    )
-    return index == 0 or same
+    return [r for r in readings if mismatch[r.notation] <= limit or r.notation == readings[0].notation]
 
 
 def _relative_angles(T: Array, pairs: tuple[NDArray[np.intp], ...]) -> Array:

@@ -65,6 +65,11 @@ class PoseReading:
         way = "T_base_gripper" if self.direction == "base-gripper" else "T_gripper_base (inverted)"
         return f"positions in {self.units}, {rotation}, {way}"
 
+    @property
+    def notation(self) -> tuple[str, str, bool]:
+        """How the rotations are written: what two readings share that differ in unit of length or direction only."""
+        return self.rotation, self.angle, self.by_axis_names
+
     def take(self, rows: Sequence[int], ids: Sequence[str] | None = None) -> PoseReading:
         """The same reading of some of the poses, in the order of `rows`, renamed when `ids` are given."""
         names = tuple(self.ids[i] for i in rows) if ids is None else tuple(ids)

@@ -100,10 +100,9 @@ def _orders(complete: Sequence[PoseReading], B: Array, rows: Index) -> list[Orde
     found: list[tuple[float, Order]] = []
     seen = set()
     for reading in complete:
-        key = (reading.rotation, reading.angle, reading.by_axis_names)
-        if key in seen:
+        if reading.notation in seen:
             continue
-        seen.add(key)
+        seen.add(reading.notation)
         found += congruent_orders(reading.T_base_gripper, B, rows, reading.ids)[:ORDERS_TRIED]
     found.sort(key=lambda item: item[0])
     return [order for _, order in found[:ORDERS_TRIED]]

@@ -14,6 +14,7 @@ from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult
 from calibrant.diagnose.error_budget import (
     INTRINSICS,
+    LEVELS,
     LOOP_SOURCES,
     PIXELS,
     ROBOT_ROTATION,
@@ -60,10 +61,11 @@ def test_the_sum_is_the_covariance_of_the_joint_fit(setup: Setup, camera: str) -
 
 
 def assert_levels_explain(known_levels: np.ndarray, stated: np.ndarray) -> None:
-    """The stated covariance also holds what the noise levels are uncertain by: a few percent more, never less."""
+    """The stated covariance also holds what the noise levels are uncertain by: the same for all directions in the
+    budget, a few percent apart in the calibration."""
     ratios = np.linalg.eigvals(np.linalg.solve(known_levels, stated)).real
-    assert ratios.min() > 0.99
-    assert ratios.max() < 5 / 3  # nu / (nu - 2): no level is averaged as if on fewer than five numbers
+    assert ratios.min() > 0.75
+    assert ratios.max() < 4 / 3
 
 
 def test_pose_pairs_have_a_budget_too() -> None:
@@ -73,7 +75,24 @@ def test_pose_pairs_have_a_budget_too() -> None:
     covariance = result.transforms[0].covariance
     assert covariance is not None
     assert_levels_explain(budget.covariance[:6, :6], covariance)
-    assert set(budget.sources) == {*LOOP_SOURCES.values(), TARGET}
+    assert set(budget.sources) == {*LOOP_SOURCES.values(), TARGET, LEVELS}
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_uncertain_levels_make_up_what_the_stated_covariance_has_more(setup: Setup) -> None:
+    result = calibrated(setup, "given")
+    budget = error_budget(result, target_sigma=0.0)
+    share = budget.sources[LEVELS]
+    stated = result.transforms[0].covariance
+    assert stated is not None
+    ratio = np.trace(np.linalg.solve(budget.covariance[:6, :6], stated)) / 6
+    # One factor stands for all directions; with it missing the ratio is 1.05 to 1.1.
+    assert ratio == pytest.approx(1, abs=0.03)
+    # 15 poses: 90 numbers for 12 unknowns and two levels of the robot, 2 / 40 to 2 / 5 more.
+    noise = budget.sources[PIXELS] + budget.sources[ROBOT_ROTATION] + budget.sources[ROBOT_TRANSLATION]
+    assert 0.02 < np.trace(np.linalg.solve(noise[:6, :6], share[:6, :6])) / 6 < 0.4
+    old = replace(result, transforms=tuple(replace(t, covariance=None) for t in result.transforms))
+    assert LEVELS not in error_budget(old).sources
 
 
 def test_each_noise_source_scales_with_its_own_level_alone() -> None:

@@ -13,6 +13,10 @@ the normal block H_rr (all sources), with K = H_rr^-1 H_rs, completing the squar
 
 The first sum is the share of the noise, the second the share of intrinsics and target size. Cov(camera) is the one the
 calibration ended with, whether the same images made it or it was given.
+
+All that holds for the noise levels found. That they are estimates makes the calibration's covariance larger by a few
+percent (`optimize.level_spread`), by f = tr(N^-1 (Cov(X) stated - intrinsics' share)) / 6 with N the noise's share of
+Cov(X); f - 1 times that share stands by itself.
 """
 
 from __future__ import annotations
@@ -46,7 +50,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 PIXELS, ROBOT_ROTATION, ROBOT_TRANSLATION = "pixels", "robot rotation", "robot translation"
-INTRINSICS, TARGET = "intrinsics", "target"
+INTRINSICS, TARGET, LEVELS = "intrinsics", "target", "uncertain noise levels"
 LOOP_SOURCES = {
     TARGET_ROTATION: "target rotation",
     FLANGE_ROTATION: "flange rotation",
@@ -162,7 +166,8 @@ def error_budget(result: CalibrationResult, *, target_sigma: float = TARGET_SIGM
     notes: tuple[str, ...] = ()
     if camera.covariance is None:
         notes = ("The camera was given without a covariance: its error is not counted.",)
-    return ErrorBudget(setup, X, Z, camera, noise, _sources(totals, known, target_sigma), target_sigma, notes)
+    sources = _with_levels(result, setup, _sources(totals, known, target_sigma))
+    return ErrorBudget(setup, X, Z, camera, noise, sources, target_sigma, notes)
 
 
 def with_motion(measured: Measured | None, stated: float) -> float:
@@ -252,7 +257,8 @@ def _of_pose_pairs(result: CalibrationResult, setup: Setup, X: Array, Z: Array, 
         H[:, begin:end, begin:end] += _stacked(blocks, sizes)
     totals = {name: S.sum(axis=0) for name, S in _without_robot(information).items()}
     notes = ("Made from target poses: pixels, intrinsics and robot are one noise of the loop.",)
-    return ErrorBudget(setup, X, Z, None, None, _sources(totals, {}, target_sigma), target_sigma, notes)
+    sources = _with_levels(result, setup, _sources(totals, {}, target_sigma))
+    return ErrorBudget(setup, X, Z, None, None, sources, target_sigma, notes)
 
 
 def _sources(
@@ -275,6 +281,18 @@ def _sources(
     shift[:12] = -C @ H[:12, -1]
     out[TARGET] = target_sigma**2 * np.outer(shift, shift)
     return out
+
+
+def _with_levels(result: CalibrationResult, setup: Setup, sources: dict[str, Array]) -> dict[str, Array]:
+    """The sources with what the noise levels' own uncertainty adds; as they are where the result states nothing."""
+    stated = result.transform(setup.camera_parent, "camera").covariance
+    if stated is None:
+        return sources
+    noise = np.sum([C for name, C in sources.items() if name not in (TARGET, INTRINSICS)], axis=0)
+    by_noise = stated - sources[INTRINSICS][:6, :6] if INTRINSICS in sources else stated
+    # An inverse is convex: less than 1 is rounding, or the weights of points that were left out.
+    factor = float(np.trace(np.linalg.solve(noise[:6, :6], by_noise))) / 6
+    return {**sources, LEVELS: max(factor - 1, 0.0) * noise}
 
 
 def inverse_information(H: Array) -> Array:

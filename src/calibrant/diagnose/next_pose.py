@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from calibrant.calibrate.hand_eye.setup import Setup
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, View
-from calibrant.diagnose.error_budget import TARGET, NoiseLevels, error_budget, view_information
+from calibrant.diagnose.error_budget import LEVELS, TARGET, NoiseLevels, error_budget, view_information
 from calibrant.diagnose.next_pose_candidates import Candidates
 from calibrant.diagnose.workspace import point_jacobian, radius_mm, sigma_mm
 from calibrant.errors import InputError
@@ -100,7 +100,7 @@ def known_from(result: CalibrationResult) -> Knowledge:
             "plan without it (--camera, --camera-at, --target-at)"
         )
     # The target's size is the same in all views: no pose lowers its share.
-    covariance = np.sum([C for name, C in budget.sources.items() if name != TARGET], axis=0)
+    covariance = np.sum([C for name, C in budget.sources.items() if name not in (TARGET, LEVELS)], axis=0)
     free = np.flatnonzero(np.diag(covariance) > 0)
     information = np.linalg.inv(covariance[np.ix_(free, free)])
     return Knowledge(budget.setup, budget.X, budget.Z, budget.camera, budget.noise, information, free)

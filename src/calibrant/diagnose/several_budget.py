@@ -90,6 +90,7 @@ def several_budgets(result: CalibrationResult, *, target_sigma: float) -> dict[s
         for name, camera in result.cameras.items()
         if camera.covariance is None
     )
+    notes += ("What the noise levels are themselves uncertain by, a few percent, is not counted.",)
     out: dict[str, CameraBudget] = {}
     for i, p in enumerate(layout.pictures):
         if p.camera not in out:

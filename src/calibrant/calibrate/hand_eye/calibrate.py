@@ -16,6 +16,7 @@ from calibrant.calibrate.hand_eye import checks as questions
 from calibrant.calibrate.hand_eye.by_method import JOINT, answered_by, require_method
 from calibrant.calibrate.hand_eye.consistency import inconsistent_views
 from calibrant.calibrate.hand_eye.held_out import leave_out
+from calibrant.calibrate.hand_eye.image_poses import ImagePoses, image_poses
 from calibrant.calibrate.hand_eye.joint import (
     FLOORS,
     PIXEL,
@@ -116,10 +117,11 @@ def calibrate_hand_eye(
     if setup_answer.status == "fail":
         raise RefusedError(f"{setup_answer.name}: {setup_answer.message}")
     joint = _refine(chosen, data, seed, role, sigma_px)
-    size = _size(chosen, data, joint, None if role is None else role.camera)
+    size, of_images = _loop(chosen, data, joint, None if role is None else role.camera)
     result = _result(
-        chosen, poses, observations, joint, seed, report, setup_answer, size, fix=fix, camera_given=camera is not None
-    )
+        chosen, poses, observations, joint, seed, report, setup_answer, size, of_images,
+        fix=fix, camera_given=camera is not None,
+    )  # fmt: skip
     return result if method == JOINT else answered_by(result, method, *_pairs(chosen, joint.data))
 
 
@@ -242,10 +244,14 @@ def _clean_points(views: list[View], noise: NoiseEstimate) -> list[View]:
     return out
 
 
-def _size(setup: Setup, data: HandEyeViews, joint: Joint, camera: Camera | None) -> LoopNoise | None:
-    """The target's size by the robot's motion, from the target poses that each view gave by itself."""
+def _loop(
+    setup: Setup, data: HandEyeViews, joint: Joint, camera: Camera | None
+) -> tuple[LoopNoise | None, ImagePoses | None]:
+    """The target's size and the images' share of the noise, from the target poses that each view gave by itself."""
     X = joint.noise.solution.value(setup.camera_transform)[0]
-    return target_size(setup, replace(data, use=joint.data.use), X, used=joint.data.use, camera=camera)
+    alone = replace(data, use=joint.data.use)
+    size = target_size(setup, alone, X, used=joint.data.use, camera=camera)
+    return size, image_poses(setup, alone, size, camera=camera)
 
 
 def _result(
@@ -257,6 +263,7 @@ def _result(
     report: MotionReport,
     setup_answer: Check,
     size: LoopNoise | None,
+    of_images: ImagePoses | None,
     *,
     fix: Sequence[str],
     camera_given: bool,
@@ -281,6 +288,7 @@ def _result(
         questions.loop_check(seed, loop),
         questions.held_out_check(errors.rms, loop),
         questions.scale_check(size, loop),
+        *questions.image_poses_check(of_images, _robot_noise(joint)),
         questions.sigma_check(np.asarray(transforms[0].sigma_translation_mm), setup.camera_parent),
         questions.convergence_check(solution, joint.noise.settled, joint.noise.rounds),
     )

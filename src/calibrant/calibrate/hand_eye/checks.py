@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from calibrant.calibrate.hand_eye.image_poses import ImagePoses
 from calibrant.calibrate.hand_eye.loop_noise import LoopNoise
 from calibrant.calibrate.hand_eye.loops import LoopErrors
 from calibrant.calibrate.hand_eye.motion import MotionReport
 from calibrant.calibrate.hand_eye.seed import Seed
 from calibrant.calibrate.hand_eye.setup import SETUPS, Setup
 from calibrant.calibrate.hand_eye.views import HandEyeViews
-from calibrant.data import Check, HeldOut
+from calibrant.data import Check, HeldOut, SigmaRobot
 from calibrant.optimize.solution import Solution
 
 SETUP_RATIO = 3.0
@@ -94,6 +95,29 @@ def scale_check(size: LoopNoise | None, loop: LoopErrors) -> Check:
         )
         return Check("target-size", "warn", message, scale.value)
     return Check("target-size", "ok", text, scale.value)
+
+
+def image_poses_check(found: ImagePoses | None, robot: SigmaRobot | None) -> tuple[Check, ...]:
+    """Whose noise is it: the robot's, or that of target poses from images that err as a whole?"""
+    if found is None or robot is None:
+        return ()
+    ratio = found.px / found.scatter_px
+    if not found.evident:
+        message = (
+            f"what the points' scatter does not explain is the robot's: {robot.mm:.2g} mm / {robot.deg:.2g} deg; "
+            f"errors that all points of an image share would show from {found.shows_px:.2g} px on (scatter "
+            f"{found.scatter_px:.2g} px); smaller ones are counted as the robot's"
+        )
+        return (Check("image-poses", "ok", message, ratio),)
+    message = (
+        f"the target poses from the images err like points of {found.px:.2g} px, {ratio:.2g} times the points' scatter "
+        f"({found.scatter_px:.2g} px): all points of an image are off together, by the lens model, a board that is not "
+        f"flat, or how its points are found. Beside them the robot errs by {found.robot_mm:.2g} mm / "
+        f"{found.robot_deg:.2g} deg; the robot noise stated, {robot.mm:.2g} mm / {robot.deg:.2g} deg, is both. What "
+        "they have in common from image to image no sigma knows: try calibrant intrinsics --target-shape paraboloid, "
+        "and a camera calibrated from more views (--camera)"
+    )
+    return (Check("image-poses", "warn", message, ratio),)
 
 
 def convergence_check(solution: Solution, settled: bool, rounds: int) -> Check:

@@ -14,7 +14,8 @@ have a noise of rotation of their own, and share that of positions with the flan
 The variances are those of restricted maximum likelihood, found by scoring in ln theta about Gauss-Newton steps of X, Z
 and s: with P = C^-1 - C^-1 J (J^T C^-1 J)^-1 J^T C^-1, the score of theta_k is (d^T P V_k P d - tr(P V_k)) / 2 and its
 information at most sum_i tr(C_i^-1 V_ik C_i^-1 V_il) / 2, by which steps are never too long (Patterson and Thompson,
-"Recovery of inter-block information when block sizes are unequal", 1971).
+"Recovery of inter-block information when block sizes are unequal", 1971). The restricted log likelihood that they
+climb, -(sum_i ln|C_i| + ln|J^T C^-1 J| + d^T P d) / 2, compares fits with and without a source (`image_poses`).
 """
 
 from __future__ import annotations
@@ -51,6 +52,7 @@ class LoopNoise:
 
     flange_rotation (rad), flange_translation (m), target: px per axis that the images' errors amount to, or rad of
     target poses that were measured elsewhere. deviation (n, 6) and statistic (n,) = d_i^T C_i^-1 d_i of every view.
+    log_likelihood: restricted, up to a constant; target_spread: 1 sigma of ln target^2, by what the views can tell.
     """
 
     X: Array
@@ -64,6 +66,8 @@ class LoopNoise:
     statistic: Array
     used: NDArray[np.bool_]
     freedom: float
+    log_likelihood: float
+    target_spread: float
 
     @property
     def size(self) -> Measured:
@@ -89,13 +93,14 @@ def fit_loop_noise(
     least_px: float = FLOOR_PX,
     common: Array | None = None,
     free_scale: bool = True,
+    held_px: float | None = None,
 ) -> LoopNoise:
     """Fit the loop and its noise from a start X (4, 4).
 
     Args: T_base_gripper, B = T_camera_target (n, 4, 4), metres; used (n,), the views that count; covariance (n, 6, 6)
     of B for unit pixel noise, None for poses measured elsewhere; least_px, noise per axis that the points' scatter
     shows: their poses are no better; common (n, 6, p), how B answers p independent errors of unit variance that all
-    views share; free_scale, whether the target's scale is unknown.
+    views share; free_scale, whether the target's scale is unknown; held_px, the images' level where it is known.
     """
     n = len(B)
     used = np.ones(n, dtype=bool) if used is None else used
@@ -108,6 +113,9 @@ def fit_loop_noise(
     state = _State(begin.X, begin.Z, begin.scale, np.zeros(shared.shape[2]))
     floors = FLOORS if covariance is None else np.array([*FLOORS[:2], least_px**2])
     theta = np.maximum(_first_guess(V[:, used], begin.deviation[used]), floors)
+    moving = slice(None) if held_px is None else slice(2)
+    if held_px is not None:
+        theta[2] = held_px**2
     for _ in range(MAX_ROUNDS):
         d, J = _linearised(A, B, state, shared, model)
         rows = np.linalg.inv(np.einsum("k,knij->nij", theta, V[:, used])) @ J[used]
@@ -116,8 +124,10 @@ def fit_loop_noise(
         gradient[model.unknowns :] += state.errors
         step = -N @ gradient
         state = _moved(state, step, model)
-        change = _scoring(theta, V[:, used], rows, N, d[used] + J[used] @ step)
-        new = np.maximum(theta * np.exp(np.clip(change, -LONGEST_STEP, LONGEST_STEP)), floors)
+        change = np.zeros(len(theta))
+        change[moving] = _scoring(theta, V[:, used], rows, N, d[used] + J[used] @ step, moving)
+        new = theta * np.exp(np.clip(change, -LONGEST_STEP, LONGEST_STEP))
+        new[moving] = np.maximum(new[moving], floors[moving])
         settled = bool(np.all(np.abs(np.log(new / theta)) < SETTLED))
         theta = new
         if settled:
@@ -139,6 +149,8 @@ def fit_loop_noise(
         np.einsum("ni,ni->n", d, np.linalg.solve(noise, d[..., None])[..., 0]),
         used,
         (6 * int(used.sum()) - model.unknowns) / SHARES,
+        _log_likelihood(np.einsum("k,knij->nij", theta, V[:, used]), d[used], N, state.errors),
+        float(np.sqrt(np.linalg.pinv(_information(theta, V[:, used]), hermitian=True)[2, 2])),
     )
 
 
@@ -199,10 +211,26 @@ def _first_guess(V: Array, d: Array) -> Array:
         return np.asarray(np.min(np.where(traces > 0, squares / traces, np.inf), axis=1) / SHARES)
 
 
-def _scoring(theta: Array, V: Array, rows: Array, N: Array, d: Array) -> Array:
-    """Change of ln theta (3,): theta_k score_k over the information, both of REML. rows: C^-1 J."""
+def _log_likelihood(C: Array, d: Array, N: Array, errors: Array) -> float:
+    """Restricted log likelihood, up to a constant, at the unknowns' best values, where P d = C^-1 d."""
+    values = np.linalg.eigvalsh(N)
+    volume = float(np.sum(np.log(values[values > 0])))
+    squares = float(np.einsum("ni,ni->", d, np.linalg.solve(C, d[..., None])[..., 0])) + float(errors @ errors)
+    return 0.5 * (volume - float(np.linalg.slogdet(C)[1].sum()) - squares)
+
+
+def _information(theta: Array, V: Array) -> Array:
+    """(3, 3) of ln theta, restricted to first order: tr(C^-1 V_k C^-1 V_l) / 2 over the views."""
+    WV = np.linalg.inv(np.einsum("k,knij->nij", theta, V)) @ V
+    return np.asarray(0.5 * np.einsum("knij,lnji->kl", WV, WV) * np.outer(theta, theta))
+
+
+def _scoring(theta: Array, V: Array, rows: Array, N: Array, d: Array, moving: slice) -> Array:
+    """Change of ln theta of the sources that move: theta_k score_k over the information, of REML. rows: C^-1 J."""
     weight = np.linalg.inv(np.einsum("k,knij->nij", theta, V))
     g = np.einsum("nij,nj->ni", weight, d)
+    V = V[moving]
+    theta = theta[moving]
     WV = weight @ V
     quadratic = np.einsum("ni,knij,nj->k", g, V, g)
     lost = np.einsum("knip,nip->k", V @ rows @ N, rows)

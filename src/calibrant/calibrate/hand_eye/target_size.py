@@ -27,12 +27,27 @@ def target_size(
     """
     if int(used.sum()) < LEAST_POSES:
         return None
+    fit = loop_of_views(setup, data, X, used=used, camera=camera)
+    value, sigma = fit.size.value, fit.size.sigma
+    return fit if np.isfinite(value) and np.isfinite(sigma) and value > 0 and sigma < value else None
+
+
+def loop_of_views(
+    setup: Setup,
+    data: HandEyeViews,
+    X: Array,
+    *,
+    used: NDArray[np.bool_],
+    camera: Camera | None = None,
+    held_px: float | None = None,
+) -> LoopNoise:
+    """The loop and its noise over the views `used`, the target's scale free; held_px: the images' level, if known."""
     rows = np.flatnonzero(data.use)
     covariance = common = None
     if data.views is not None:
         covariance = data.covariance[rows]
         common = None if camera is None else camera_share(camera, data, rows)
-    fit = fit_loop_noise(
+    return fit_loop_noise(
         setup,
         data.T_base_gripper[rows],
         data.B[rows],
@@ -41,9 +56,8 @@ def target_size(
         covariance=covariance,
         least_px=data.sigma_px,
         common=common,
+        held_px=held_px,
     )
-    value, sigma = fit.size.value, fit.size.sigma
-    return fit if np.isfinite(value) and np.isfinite(sigma) and value > 0 and sigma < value else None
 
 
 def camera_share(camera: Camera, data: HandEyeViews, rows: NDArray[np.intp]) -> Array | None:

@@ -11,7 +11,7 @@ from calibrant.cli import options as o
 from calibrant.errors import InputError
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
+    from rich.text import Text
 
     from calibrant.data import CalibrationResult, Observations, View
 
@@ -72,7 +72,10 @@ def detect(
     if not quiet and not json:
         from rich.console import Console
 
-        Console().print(table(found))
+        console = Console()
+        console.print(table(found), soft_wrap=True)
+        for note in found.notes:
+            console.print(f"\n{note}", markup=False, highlight=False)
     result = _result(found, session.file_records(source.inputs(files)), mirror_x=mirror_x)
     if out is not None:
         result.write(out, force=force)
@@ -89,26 +92,28 @@ def detect(
         typer.echo(f"\nWritten: {', '.join([*([str(out)] if out else []), *drawn])}")
 
 
-def table(found: Observations) -> RenderableType:
+def table(found: Observations) -> Text:
     """Every photo in the order of its name: how many points of how many, or the reason why there are none."""
-    from rich.console import Group
-    from rich.table import Table
+    from rich.cells import cell_len
     from rich.text import Text
 
     from calibrant.formats.natural_order import natural_key
 
     total = _total(found)
-    rows = {v.id: (f"{len(v)} of {total}", _noise(v), Text("found")) for v in found.views}
-    rows |= {m.id: ("0", "", Text(f"not found: {m.reason}", style="red")) for m in found.missed}
-    grid = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
-    grid.add_column("photo")
-    grid.add_column("points", justify="right")
-    grid.add_column("1σ px", justify="right")
-    grid.add_column("")
+    rows = {v.id: (f"{len(v)} of {total}", _noise(v), "found", "") for v in found.views}
+    rows |= {m.id: ("0", "", f"not found: {m.reason}", "red") for m in found.missed}
+    # One text: a table of Rich's own takes a millisecond a row, longer than to read what was found before.
+    out = Text()
+    out.append(f"{found.target}: found in {len(found.views)} of {len(rows)} photos\n\n", "bold")
+    name_width = max(len("photo"), *(cell_len(name) for name in rows))
+    count_width = max(len("points"), *(len(count) for count, *_ in rows.values()))
+    out.append(f"{'photo':{name_width}}  {'points':>{count_width}}  {'1σ px':>7}\n", "dim")
     for name in sorted(rows, key=natural_key):
-        grid.add_row(Text(name), *rows[name])
-    head = Text(f"{found.target}: found in {len(found.views)} of {len(rows)} photos\n", style="bold")
-    return Group(head, grid, *(Text(f"\n{note}") for note in found.notes))
+        count, noise, words, style = rows[name]
+        out.append(f"{name}{' ' * (name_width - cell_len(name))}  {count:>{count_width}}  {noise:>7}  ")
+        out.append(f"{words}\n", style)
+    out.rstrip()
+    return out
 
 
 def _total(found: Observations) -> int:

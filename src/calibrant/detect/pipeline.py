@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from calibrant.data import DEFAULT_CAMERA, Missed, Observations, View
 from calibrant.detect.cache import Cache, key_of
@@ -80,7 +81,8 @@ def detect(
         mirrored = _found_mirrored([d.file for d in readable], wanted, mirror_x)
         raise DetectionError(_why_none(readable, wanted, len(done)) + mirrored)
     names = _ids([d.file for d in done])
-    views = tuple(_view(d, names[d.file], wanted, camera) for d in found)
+    points, row_of = wanted.points, {int(label): row for row, label in enumerate(wanted.point_ids)}
+    views = tuple(_view(d, names[d.file], points, row_of, camera) for d in found)
     notes = [*notes_on_orientation([d.file for d in done if d.size is not None])]
     notes += [note for d in done for note in d.detection.notes]
     return Observations(
@@ -197,13 +199,15 @@ def _ids(files: Sequence[Path]) -> dict[Path, str]:
     return names
 
 
-def _view(result: ImageDetection, name: str, target: Target, camera: str) -> View:
+def _view(
+    result: ImageDetection, name: str, points: NDArray[np.float64], row_of: Mapping[int, int], camera: str
+) -> View:
+    """The view of a file. Args: points (n, 3), metres, of the whole target; row_of: the row of each label in them."""
     detection = result.detection
-    row_of = {int(label): row for row, label in enumerate(target.point_ids)}
-    rows = [row_of[int(label)] for label in detection.point_ids]
+    rows = [row_of[label] for label in detection.point_ids.tolist()]
     return View(
         id=name,
-        points=target.points[rows],
+        points=points[rows],
         uv=detection.uv,
         point_ids=detection.point_ids,
         camera=camera,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +11,10 @@ from numpy.typing import NDArray
 
 from calibrant.cameras import Camera
 from calibrant.diagnose.doctor import Case, Examination, examine
+from calibrant.diagnose.doctor.case import stand_apart
 from calibrant.geometry import se3, so3
 from calibrant.simulate.noise import flipped_board
-from calibrant.simulate.scenes import gripper_poses, hand_eye_scene, standard_mounting, target_poses
+from calibrant.simulate.scenes import gripper_poses, hand_eye_scene, observe, standard_mounting, target_poses
 
 Array = NDArray[np.float64]
 CaseOf = Callable[..., Case]
@@ -213,6 +215,37 @@ def test_stale_intrinsics(views: CaseOf) -> None:
     assert names(found) == ["stale-intrinsics"]
     assert "fx 1130.0 px given, 110" in found.findings[0].message
     assert names(examine(views(scene, camera=scene.camera))) == []
+
+
+def test_stale_intrinsics_that_the_poses_of_the_views_take_up(views: CaseOf) -> None:
+    # At 0.3 px a focal length 2 % too long leaves residuals only 5 % larger: what tells is the robot.
+    scene = hand_eye_scene("good", views=15)
+    seen = observe(scene.camera, scene.points, scene.T_camera_target, sigma_px=0.3, rng=np.random.default_rng(0))
+    scene = replace(scene, observations=seen)
+    p = scene.camera.parameters
+    old = Camera.create("brown", {**p, "fx": 1.02 * p["fx"], "fy": 1.02 * p["fy"]}, image_size=(1280, 1024))
+    found = examine(views(scene, camera=old))
+    assert names(found) == ["stale-intrinsics"]
+    assert found.findings[0].measured is not None
+    assert found.findings[0].measured.value < 1.1
+    assert names(examine(views(scene, camera=scene.camera))) == []
+
+
+def test_target_poses_of_unequal_certainty_are_no_bad_poses() -> None:
+    """Squares of Student's t with four degrees of freedom, the heaviest tail allowed for, six numbers a view."""
+    rng = np.random.default_rng(0)
+    raised = 0
+    for _ in range(1000):
+        statistic = rng.chisquare(6, 30) / (rng.chisquare(4, 30) / 4)
+        raised += stand_apart(statistic > 9 * np.median(statistic), statistic).any()
+    assert raised <= 5  # one in a thousand is allowed; six and more of that have a chance of 1e-3
+
+
+def test_a_gross_error_stands_apart_among_unequal_views() -> None:
+    statistic = np.array([0.2, 0.5, 0.7, 1.0, 1.3, 4.0, 11.0, 900.0])
+    suspects = statistic > 9
+    assert np.flatnonzero(stand_apart(suspects, statistic)).tolist() == [7]
+    assert not stand_apart(statistic > 1000, statistic).any()
 
 
 def test_unsynchronised_poses() -> None:

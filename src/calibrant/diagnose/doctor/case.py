@@ -24,6 +24,11 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 
+TAIL = 2.0
+"""Index of the heaviest tail that squared noise is taken to have, that of Student's t with four degrees of freedom:
+with a heavier one the squares had no variance, and a noise level estimated from them no meaning."""
+
+
 @dataclass(frozen=True, eq=False)
 class Case:
     """n robot poses matched with n target poses, in one setup.
@@ -98,13 +103,23 @@ class Case:
 
     @cached_property
     def condemned(self) -> NDArray[np.bool_]:
-        """(m,) of the poses used: those that agree with the others by no source of noise, at any size of the target."""
-        return self.robust.outlier if self.size is None else self.robust.outlier & ~self.size.used
+        """(m,) of the poses used: those that agree with the others by no source of noise, at any size of the target.
+
+        How certain each target pose is, only its image tells: without it they must stand apart from all the others.
+        """
+        out = self.robust.outlier if self.size is None else self.robust.outlier & ~self.size.used
+        return out if self.data.views is not None else stand_apart(out, self.robust.fit.statistic)
 
     @cached_property
     def loop(self) -> Loop:
         """The loop over all views used."""
         return loop_of(self.robust.fit.deviation)
+
+    @cached_property
+    def typical(self) -> float:
+        """Square of the median loop, distance times angle: what a few wrong views do not move."""
+        d = self.robust.fit.deviation
+        return float(np.median(np.linalg.norm(d[:, :3], axis=1)) * np.median(np.linalg.norm(d[:, 3:], axis=1)))
 
     @cached_property
     def misfit(self) -> float:
@@ -206,6 +221,24 @@ def _beyond(fit: LoopNoise) -> NDArray[np.bool_]:
     """Views whose deviation none of the sources explains: F(6, freedom), all views counted."""
     p = f_tail(6, max(fit.freedom, 1.0), np.maximum(fit.statistic / 6, 0.0))
     return np.asarray(p * len(p) < OUTLIER_P)
+
+
+def stand_apart(suspects: NDArray[np.bool_], statistic: Array) -> NDArray[np.bool_]:
+    """The suspects (n,) that are farther off than a heavy tail puts them, by squared deviations (n,).
+
+    A board seen from the front has a pose many times less certain than a tilted one: without the images the noise is of
+    one size in no two views, and far views are its tail. Of a tail P(s > x) ~ x^-a the j-th largest exceeds the next r
+    times with the chance r^(-a j) (Renyi, "On the theory of order statistics", 1953).
+    """
+    order = np.argsort(-statistic, kind="stable")
+    leading = int(np.cumprod(suspects[order]).sum())  # suspects that only suspects exceed
+    sizes = np.log(np.maximum(statistic[order], np.finfo(float).tiny))
+    j = np.arange(1, min(leading, len(sizes) - 1) + 1)
+    log_p = -TAIL * j * (sizes[j - 1] - sizes[j])
+    far = j[log_p + np.log(max(len(j), 1)) < np.log(OUTLIER_P)]
+    out = np.zeros(len(sizes), dtype=bool)
+    out[order[: int(far[-1]) if len(far) else 0]] = True
+    return out
 
 
 def loop_of(deviation: Array) -> Loop:

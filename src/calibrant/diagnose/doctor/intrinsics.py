@@ -1,6 +1,7 @@
 """Stale intrinsics: the camera that was given against the one that the same images give.
 
-With the camera held and with it free, the residuals of the same views: F test on the squares.
+With the camera held and with it free, the residuals of the same views: F test on the squares. A wrong camera may hide
+in the poses of the views, which take up most of a wrong focal length; the robot, which they must agree with, then tells.
 """
 
 from __future__ import annotations
@@ -12,15 +13,17 @@ import numpy as np
 
 from calibrant.cameras import Camera
 from calibrant.data import Measured, View
+from calibrant.diagnose.doctor import size
 from calibrant.diagnose.doctor.case import Case
 from calibrant.diagnose.doctor.finding import Evidence, Finding
-from calibrant.diagnose.doctor.significance import CONVINCING, confidence, nested_test
+from calibrant.diagnose.doctor.significance import CONVINCING, confidence, nested_test, ratio_test
 from calibrant.errors import InputError, RefusedError
 
 LEAST_VIEWS = 5
 """Fewer views hardly calibrate a camera: their word against the given one counts for nothing."""
 MATTERS = 1.2
-"""Residuals a fifth larger than they need be: less is what a board that is not flat or a simpler model cost."""
+"""Residuals a fifth larger than they need be: less is what a board that is not flat or a simpler model cost, unless the
+robot agrees better with the camera found."""
 
 
 def examine(case: Case) -> list[Finding]:
@@ -47,7 +50,7 @@ def _compared(case: Case, views: list[View], given: Camera, fresh: Camera) -> li
     unknowns = len(fresh.model.parameter_names)
     p = nested_test(before, after, unknowns, int(2 * points.sum()) - 6 * len(views) - unknowns)
     ratio = float(np.sqrt(before / max(after, 1e-30)))
-    if p > CONVINCING or ratio < MATTERS:
+    if p > CONVINCING or (ratio < MATTERS and not _robot_prefers(repaired, case)):
         return []
     total = points.sum()
     evidence = Evidence(case.loop, repaired.loop)
@@ -69,6 +72,12 @@ def _compared(case: Case, views: list[View], given: Camera, fresh: Camera) -> li
             gain=float(total) * np.log(ratio),
         )
     ]
+
+
+def _robot_prefers(repaired: Case, case: Case) -> bool:
+    """True when with the camera found the loop is narrower, or the target has the size given and had not before."""
+    p = ratio_test(case.typical, repaired.typical, 3 * len(case.index) - 6)
+    return p <= CONVINCING or (bool(size.examine(case)) and not size.examine(repaired))
 
 
 def _with_camera(case: Case, camera: Camera) -> Case:

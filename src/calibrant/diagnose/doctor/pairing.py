@@ -163,7 +163,7 @@ def examine(case: Case) -> list[Finding]:
     if best is None:
         return []
     order, repaired = best
-    before, after = _typical(case), _typical(repaired)
+    before, after = case.typical, repaired.typical
     p = ratio_test(before, after, 3 * len(case.index) - 6, hypotheses=4 * len(case))
     gain = case.misfit - repaired.misfit
     if p > CONVINCING or before < BETTER**2 * after or gain <= 0:
@@ -181,9 +181,3 @@ def examine(case: Case) -> list[Finding]:
             gain=gain,
         )
     ]
-
-
-def _typical(case: Case) -> float:
-    """Square of the median loop, distance times angle: what a few wrong views do not move."""
-    d = case.robust.fit.deviation
-    return float(np.median(np.linalg.norm(d[:, :3], axis=1)) * np.median(np.linalg.norm(d[:, 3:], axis=1)))

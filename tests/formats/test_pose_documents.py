@@ -202,3 +202,14 @@ def test_the_real_files_are_read(shared_data: Callable[[str], Path]) -> None:
     assert set(listed.names) == {f"images/{i}.png" for i in range(15)}
     positioner = read_poses(shared_data("kinematic_rct_positioner") / "positioner_kinematic_measurements.yaml")
     assert len(positioner) == 205
+
+
+def test_matrices_with_rows_and_columns_beside_their_numbers(tmp_path: Path) -> None:
+    for i in range(3):
+        numbers = "".join(f"  - [{v}]\n" for v in (0.4, -0.2, 0.3, 3.1, 0.1, i))
+        (tmp_path / f"pose_{i}.yaml").write_text(f"rows: 6\ncols: 1\ndata:\n{numbers}")
+    raw = read_poses(str(tmp_path / "pose_*.yaml"))
+    np.testing.assert_array_equal(raw.rotation, [[3.1, 0.1, i] for i in range(3)])
+    matrix = tmp_path / "one.yaml"
+    matrix.write_text("rows: 4\ncols: 4\ndata: [1, 0, 0, 0.1, 0, 1, 0, 0.2, 0, 0, 1, 0.3, 0, 0, 0, 1]\n")
+    np.testing.assert_array_equal(read_poses(matrix).translation, [[0.1, 0.2, 0.3]])

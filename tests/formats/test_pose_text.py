@@ -170,3 +170,35 @@ def test_latin_1_and_utf_16_files_are_read(tmp_path: Path) -> None:
         path = tmp_path / f"{encoding}.csv"
         path.write_bytes(text.encode(encoding))
         np.testing.assert_allclose(readings(read_poses(path))[0].T_base_gripper, T, atol=1e-12)
+
+
+def test_rows_that_say_whose_they_are_make_pairs(tmp_path: Path) -> None:
+    path = tmp_path / "pairs.csv"
+    path.write_text("hand,0.4,-0.2,0.1,174.1,11.5,56.8\neye,0.1,0.05,0.3,-81.7,8.2,-164.1\n" * 3)
+    raw = read_poses(path)
+    assert raw.target is not None
+    np.testing.assert_array_equal(raw.translation, [[0.4, -0.2, 0.1]] * 3)
+    np.testing.assert_array_equal(raw.target.rotation, [[-81.7, 8.2, -164.1]] * 3)
+
+
+def test_a_short_row_of_a_pair_is_named_by_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "pairs.csv"
+    path.write_text(
+        "hand,0.4,-0.2,0.1,174.1,11.5,56.8\neye,0.1,0.05,0.3,-81.7,8.2,1\nhand,1,2,3,4,5,6\neye,1,2,3,4,5\n"
+    )
+    with pytest.raises(InputError, match=r"pairs\.csv:4"):
+        read_poses(path)
+
+
+def test_a_count_above_matrices_is_not_a_pose(tmp_path: Path) -> None:
+    path = tmp_path / "robot_cali.txt"
+    path.write_text("2\n" + "1 0 0 10\n0 1 0 20\n0 0 1 30\n0 0 0 1\n\n" * 2)
+    np.testing.assert_array_equal(read_poses(path).translation, [[10.0, 20, 30]] * 2)
+
+
+def test_a_pose_may_stand_one_number_a_line(tmp_path: Path) -> None:
+    for i in range(3):
+        (tmp_path / f"pos{i}.txt").write_text(f"300.5\n{i}\n400\n10\n20\n30\n")
+    raw = read_poses(str(tmp_path / "pos*.txt"))
+    np.testing.assert_array_equal(raw.translation, [[300.5, i, 400] for i in range(3)])
+    np.testing.assert_array_equal(raw.rotation, [[10.0, 20, 30]] * 3)

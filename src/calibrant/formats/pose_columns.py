@@ -29,7 +29,7 @@ _IN_BRACKETS = re.compile(r"^(?P<name>.*?)\s*[\[(]\s*(?P<unit>[^\])]*?)\s*[\])]\
 _AS_SUFFIX = re.compile(r"^(?P<name>.+?)[_ .](?P<unit>mm|m|cm|in|deg|rad|degrees|radians)$", re.IGNORECASE)
 
 _PREFIX = r"(?:field|pose|robot|actual|tcp|tool|flange|gripper|wrist|eef|ee|transform)*"
-_SPACE = r"(?:orientation|rotation|rot)?"
+_SPACE = r"(?:orientation|orient|ori|rotation|rot)?"
 _ROLES: tuple[tuple[re.Pattern[str], str], ...] = tuple(
     (re.compile(f"^{_PREFIX}{pattern}$"), role)
     for pattern, role in (
@@ -38,7 +38,7 @@ _ROLES: tuple[tuple[re.Pattern[str], str], ...] = tuple(
         (_SPACE + r"(?:quaternion|quat|q)([0-4])", "q{}"),
         (_SPACE + r"(?:rotvec|rvec|rotationvector|axisangle)([xyz])", "v{}"),
         (_SPACE + r"(?:euler|eul|angle|rpy)?(roll|pitch|yaw)", "{}"),
-        (r"(?:orientation|rotation|rot|euler|eul|angle|r)+([xyzw])", "r{}"),
+        (r"(?:orientation|orient|ori|rotation|rot|euler|eul|angle|r)+([xyzw])", "r{}"),
         (r"(?:euler|eul|angle|e|r)([1-3])", "e{}"),
         (r"(?:rotation|rot|matrix|r|m|t|h)([0-4])([0-4])", "m{}{}"),
         (r"(alpha|beta|gamma|[abcwpot]|r)", "{}"),

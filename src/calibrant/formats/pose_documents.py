@@ -39,7 +39,7 @@ def read_document(
 
     read_reference reads the file that an entry names in place of numbers. Raises: InputError naming file and entry.
     """
-    entries, names, stated = _entries(data, source)
+    entries, names, stated = _entries(_unfolded(data), source)
     places = tuple(f"{source}[{name if names else i}]" for i, name in enumerate(names or range(len(entries))))
     if not entries:
         raise InputError(f"{source}: no poses: the list is empty")
@@ -50,6 +50,24 @@ def read_document(
             target, places, source, names, NOTHING_STATED, read_reference
         )
     return _table(entries, places, source, names, stated, read_reference), None
+
+
+def _unfolded(data: Any) -> Any:
+    """The document with matrices given as rows, cols and data (as ViSP and ROS save them) as plain lists.
+
+    One row or one column, such as a pose of six numbers, is a list of numbers; others are lists of their rows.
+    """
+    if isinstance(data, list):
+        return [_unfolded(value) for value in data]
+    if not isinstance(data, Mapping):
+        return data
+    keys = {_key(k): k for k in data}
+    if {"rows", "cols", "data"} <= set(keys) and isinstance(data[keys["data"]], list):
+        rows, cols, values = (data[keys[k]] for k in ("rows", "cols", "data"))
+        flat = [cell for row in values for cell in (row if isinstance(row, list) else [row])]
+        if isinstance(rows, int) and isinstance(cols, int) and len(flat) == rows * cols > 0:
+            return flat if 1 in (rows, cols) else [flat[i : i + cols] for i in range(0, len(flat), cols)]
+    return {key: _unfolded(value) for key, value in data.items()}
 
 
 def _table(

@@ -1,8 +1,9 @@
-"""Poses in text tables: CSV and its relatives, and 4x4 matrices as plain lines of numbers."""
+"""Poses in text tables: CSV and its relatives, 4x4 matrices as plain lines of numbers, rows that alternate in pairs."""
 
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Sequence
 
 from calibrant.errors import InputError
@@ -10,7 +11,25 @@ from calibrant.formats.pose_columns import is_header
 from calibrant.formats.pose_rows import MATRIX_NAMES, Cell, PoseTable, bottom_rows, header_of, upright
 
 _COMMENTS = ("#", "%", "//")
+_ROBOT_ROW = re.compile(r"(?:hand|robot|gripper|flange|tool|tcp|eef?|effector)\s*[:,;\s]\s*", re.IGNORECASE)
+_TARGET_ROW = re.compile(r"(?:eye|camera|cam|target|marker|board|object)\s*[:,;\s]\s*", re.IGNORECASE)
 Line = tuple[int, list[str]]
+
+
+def read_labelled_pairs(text: str, source: str) -> tuple[PoseTable, PoseTable] | None:
+    """The robot's and the target's poses of a text whose rows say whose they are (hand, …; eye, …); else None."""
+    rows: tuple[list[str], list[str]] = ([], [])
+    for line in text.splitlines():
+        found = [pattern.match(line.strip()) for pattern in (_ROBOT_ROW, _TARGET_ROW)]
+        if line.strip() and not any(found):
+            return None
+        # The other side's rows are left empty, so that an error names the line of the file.
+        for of_side, match in zip(rows, found):
+            of_side.append(line.strip()[match.end() :] if match else "")
+    if not all(any(of_side) for of_side in rows):
+        return None
+    robot, target = (read_text_table("\n".join(of_side), source) for of_side in rows)
+    return robot, target
 
 
 def read_text_table(text: str, source: str) -> PoseTable:
@@ -25,7 +44,7 @@ def read_text_table(text: str, source: str) -> PoseTable:
     if not content:
         raise InputError(f"{source}: no poses: the file is empty or holds comments only")
     separator = _separator([line for _, line in content])
-    lines = [(i, _cells(line, separator)) for i, line in content]
+    lines = _in_rows([(i, _cells(line, separator)) for i, line in content])
     header: list[str] | None = None
     if not any(_is_number(cell) for cell in lines[0][1]):
         header, lines = _trimmed(lines[0][1], 1), lines[1:]
@@ -43,6 +62,16 @@ def read_text_table(text: str, source: str) -> PoseTable:
     if header is not None:
         return PoseTable(tuple(header), tuple(tuple(cells) for _, cells in lines), places, source)
     return _without_header(lines, places, source)
+
+
+def _in_rows(lines: list[Line]) -> list[Line]:
+    """The lines without a count of poses above them; a pose whose numbers stand one under the other as one row."""
+    single = [len(cells) == 1 for _, cells in lines]
+    if all(single) and len(lines) in (6, 7, 12, 16) and _numbers_only(lines):
+        return [(lines[0][0], [cell for _, cells in lines for cell in cells])]
+    count = lines[0][1][0]
+    counted = single[0] and len(lines) > 1 and not any(single[1:]) and count.isdecimal()
+    return lines[1:] if counted and int(count) in (len(lines) - 1, (len(lines) - 1) / 4) else lines
 
 
 def _without_header(lines: Sequence[Line], places: tuple[str, ...], source: str) -> PoseTable:

@@ -28,7 +28,7 @@ from calibrant.formats.pose_readings import excluded as excluded
 from calibrant.formats.pose_readings import options as options
 from calibrant.formats.pose_readings import readings as readings
 from calibrant.formats.pose_rows import PoseTable, raw_poses
-from calibrant.formats.pose_text import read_text_table
+from calibrant.formats.pose_text import read_labelled_pairs, read_text_table
 from calibrant.formats.raw_poses import RawPoses as RawPoses
 from calibrant.formats.robot_formats import RobotFormat, controller_text, in_format, merged, robot_format
 from calibrant.formats.time_column import times_beside
@@ -191,7 +191,8 @@ def _decoded(path: Path) -> str:
 
 
 def _read_text(text: str, path: Path) -> Parsed:
-    return read_text_table(text, str(path)), None
+    pairs = read_labelled_pairs(text, str(path))
+    return (read_text_table(text, str(path)), None) if pairs is None else pairs
 
 
 def _read_json(text: str, path: Path) -> Parsed:

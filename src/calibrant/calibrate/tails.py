@@ -1,17 +1,19 @@
-"""Chances of the F and t distributions, from the incomplete beta function.
+"""Chances of the F, t and chi-square distributions, from the incomplete beta and gamma functions.
 
     I_x(a, b) = x^a (1 - x)^b / (a B(a, b)) * 1 / (1 + d_1 / (1 + d_2 / (1 + ...))),
     d_2m = m (b - m) x / ((a + 2m - 1)(a + 2m)),   d_2m+1 = -(a + m)(a + b + m) x / ((a + 2m)(a + 2m + 1))
 
 converges in O(sqrt(max(a, b))) terms for x < (a + 1) / (a + b + 2), and elsewhere by I_x(a, b) = 1 - I_1-x(b, a)
 (Abramowitz and Stegun 1964, 26.5.8; evaluated by the method of Lentz 1976 as modified by Thompson and Barnett 1986).
+The gamma function's is the series x^a e^-x / Gamma(a + 1) (1 + x / (a + 1) + ...) below x = a + 1, and above it the
+fraction 6.5.31 of the same book.
 
 scipy.special has the same, and takes as long to load as the calibration of twenty poses takes.
 """
 
 from __future__ import annotations
 
-from math import lgamma
+from math import exp, inf, lgamma, log
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,6 +38,34 @@ def f_tail(numerator: float, denominator: float, F: ArrayLike) -> Array:
 def t_tail(freedom: float, t: ArrayLike) -> Array:
     """P(T > t) of Student's distribution. Args: t (...), >= 0."""
     return 0.5 * f_tail(1.0, freedom, np.square(np.asarray(t, dtype=np.float64)))
+
+
+def chi2_tail(freedom: float, value: float) -> float:
+    """P(chi-square > value) with these degrees of freedom. Args: value >= 0."""
+    a, x = freedom / 2, value / 2
+    if x <= 0:
+        return 1.0
+    if x == inf:
+        return 0.0
+    front = exp(a * log(x) - x - lgamma(a))
+    if x < a + 1:
+        term = total = 1 / a
+        for k in range(1, TERMS):
+            term *= x / (a + k)
+            total += term
+            if term < _SETTLED * total:
+                break
+        return 1 - front * total
+    b, c = x + 1 - a, 1 / _TINY
+    d = h = 1 / b
+    for k in range(1, TERMS):
+        b += 2
+        d = 1 / (k * (a - k) * d + b)
+        c = b + k * (a - k) / c
+        h *= c * d
+        if abs(c * d - 1) < _SETTLED:
+            break
+    return front * h
 
 
 def _incomplete_beta(a: float, b: float, x: Array, y: Array) -> Array:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.calibrate.tails import chi2_tail
 from calibrant.data import CalibrationResult, Check, View, ViewResult
 from calibrant.errors import InputError
 from calibrant.geometry import se3
@@ -181,10 +182,8 @@ def _map_share(uv: Array, e: Array, image_size: tuple[int, int]) -> tuple[float,
         return 0.0, 1.0
     statistic = float(np.sum(sums[good] ** 2 / n[good, None]))
     freedom = 2 * int(good.sum())
-    from scipy.special import gammaincc
-
     share = (statistic - freedom) / (2 * float(n[good].sum()))
-    return share, float(gammaincc(freedom / 2, statistic / 2))
+    return share, chi2_tail(freedom, statistic)
 
 
 def _nearest_neighbour(uv: Array) -> NDArray[np.intp]:
@@ -212,8 +211,6 @@ def _neighbour_share(kept: list[tuple[Array, Array]]) -> tuple[float, float]:
         pairs += int(once.sum())
     if pairs == 0:
         return 0.0, 1.0
-    from scipy.special import gammaincc
-
     correlation = products / (2 * pairs)
     z = correlation * np.sqrt(2 * pairs)  # each product of two unit normals has variance 1
-    return correlation, float(0.5 * gammaincc(0.5, z * z / 2)) if z > 0 else 1.0
+    return correlation, 0.5 * chi2_tail(1, z * z) if z > 0 else 1.0

@@ -31,7 +31,7 @@ FARTHEST_SHIFT = 3
 """Shifts of the whole list by more places: a list that was matched by hand, not by a lost picture."""
 MOST_IN_TABLE = 2000
 """Views whose angles are tabulated, all with all: 32 MB."""
-LOOKED_AT = 200
+LOOKED_AT = 100
 """Places of a long session from where the poses may be shifted that are looked at, and then all around the best: the
 incongruence falls from far towards the right place."""
 CONFIRMED = 3

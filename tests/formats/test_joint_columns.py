@@ -128,3 +128,11 @@ def test_measured_poses_and_positions(tmp_path: Path) -> None:
     file.write_text(table("x,y,z", Q[:, :3]))
     with pytest.raises(InputError, match="no joint values"):
         read_measurements(file)
+
+
+def test_one_row_beyond_the_limits_does_not_turn_radians_into_degrees(tmp_path: Path) -> None:
+    q = np.tile(Q, (4, 1))
+    q[5, 2] = 7.5
+    (tmp_path / "q.csv").write_text(table("q1,q2,q3,q4,q5,q6", q))
+    with pytest.raises(InputError, match=r"csv:7: joint elbow is at 429.7.* deg, beyond its limits .*\(1 of 16 rows\)"):
+        read_poses(tmp_path / "q.csv", robot=arm("ur5e"))

@@ -89,6 +89,9 @@ def test_any_chain_can_become_a_urdf() -> None:
     assert [(j.name, j.lower) for j in again.joints] == [(j.name, j.lower) for j in ur.joints]
 
 
+JOINT = '<joint name="{}" type="fixed"><parent link="{}"/><child link="{}"/></joint></robot>'
+
+
 @pytest.mark.parametrize(
     ("change", "link", "message"),
     [
@@ -110,6 +113,12 @@ def test_any_chain_can_become_a_urdf() -> None:
         (('name="bench"', 'name="${arm}" xmlns:xacro="http://wiki.ros.org/xacro"'), "tool", "holds xacro macros"),
         (('<?xml version="1.0"?>', "<!DOCTYPE a [<!ENTITY b 'c'>]>"), "tool", "document types"),
         (("", ""), "world", "no joint moves"),
+        (('<link name="base"', '<link name="world"/><link name="base"'), "tool", "two links are called 'world'"),
+        (("</robot>", JOINT.format("elbow", "world", "tool")), "tool", "two joints are called 'elbow'"),
+        (("</robot>", JOINT.format("extra", "word", "tool")), "tool", "has the parent 'word', and there is no such"),
+        (("</robot>", JOINT.format("extra", "world", "tool")), "tool", "'tool' hangs on two joints, .* and 'extra'"),
+        (("</robot>", JOINT.format("extra", "tool", "world")), "tool", "in a circle, .*correct the parent"),
+        (("</robot>", JOINT.format("extra", "tool", "world")), None, "in a circle"),
     ],
 )
 def test_what_cannot_be_read_is_said(change: tuple[str, str], link: str | None, message: str) -> None:

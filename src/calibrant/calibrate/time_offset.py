@@ -2,14 +2,20 @@
 
     t_robot = t_camera + offset
 
-First the angular speeds: the board turns in the camera as fast as the gripper turns in the base, whatever the unknown
-transforms (Mair et al. 2011; Furrer et al. 2017), so their correlation over shifts peaks at the offset. Then offset,
-hand-eye transform and target in one least-squares problem over the loop
+First the angular speeds say where to look (`time_start`). From there offset, hand-eye transform and target are found in
+one least-squares problem over the loop
 
     A(t_i + offset) X B_i = Z,
 
 A(t) the robot's poses interpolated: rotations by a cubic spline of rotation vectors between neighbours, positions by a
-cubic spline. Noise of the loop is estimated with it, so the sigma of the offset follows.
+cubic spline. Where several shifts are likely, as with a motion that repeats, the loop tells which is meant.
+
+The noise of the loop is estimated with it. Neighbouring samples share what the robot's samples between them were off
+by, and what turns the target moves it too: residuals are neither independent nor alike in all directions. The
+covariance is therefore that of the score, summed over neighbours (Newey and West 1987). With J_i, r_i in units of the
+noise, N = sum J_i^T J_i, g_i = J_i^T r_i, p unknowns and L lags,
+
+    C = n / (n - p) N^-1 [ sum_l (1 - |l| / (L + 1)) sum_i g_i g_(i+l)^T ] N^-1.
 """
 
 from __future__ import annotations
@@ -19,14 +25,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calibrant.calibrate.hand_eye.setup import Setup, get_setup
+from calibrant.calibrate.hand_eye.setup import SETUPS, Setup, get_setup
 from calibrant.calibrate.hand_eye.solvers.registry import SOLVERS
+from calibrant.calibrate.time_start import LEAST_SAMPLES, PoseSpline, shifts_by_speed
 from calibrant.data import TransformEstimate
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3, so3
 from calibrant.optimize.factors import Factor
 from calibrant.optimize.manifolds import SE3, Euclidean, Variable
-from calibrant.optimize.noise import NoiseLevel, estimate_noise
+from calibrant.optimize.noise import NoiseEstimate, NoiseLevel, estimate_noise
 from calibrant.optimize.problem import Problem
 
 Array = NDArray[np.float64]
@@ -34,12 +41,11 @@ Array = NDArray[np.float64]
 LOOP_ROTATION, LOOP_TRANSLATION = "loop rotation", "loop translation"
 _FLOORS = {LOOP_ROTATION: 1e-7, LOOP_TRANSLATION: 1e-7}
 
-LEAST_CORRELATION = 0.6
-"""Angular speeds that belong together agree beyond this at their best shift; by chance 20 samples reach it in one of a
-hundred thousand."""
-LEAST_SAMPLES = 10
-LEAST_SPEED = np.deg2rad(1.0)
-"""Radians a second: below it the motion is one of poses held, not of a continuous sweep."""
+CLOSED = 0.2
+"""Share of the motion that may be left in the loop: noise of a fifth of the motion is no camera's."""
+ALIKE = 1.2
+"""Times the loop's error of the best offset below which another fits as well. Noise is correlated, so that a likelihood
+ratio would decide on differences that are chance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +54,7 @@ class TimeOffset:
 
     correlation: of the angular speeds at the shift that the refinement starts from.
     camera, target: the transforms refined with it. rms_mm, rms_deg: of the loop; at_zero_mm: of it without offset.
+    unexplained: the loop's error over the size of the motion, rotation or translation, the worse.
     used (n,): camera samples whose moment the robot's samples cover.
     """
 
@@ -60,35 +67,13 @@ class TimeOffset:
     rms_mm: float
     rms_deg: float
     at_zero_mm: float
+    unexplained: float
     used: NDArray[np.bool_]
 
-
-class PoseSpline:
-    """Robot poses as a smooth function of time. times (m,), increasing; T (m, 4, 4)."""
-
-    def __init__(self, times: Array, T: Array) -> None:
-        from scipy.interpolate import CubicSpline
-        from scipy.spatial.transform import Rotation, RotationSpline
-
-        self.start, self.end = float(times[0]), float(times[-1])
-        self._position = CubicSpline(times, T[:, :3, 3])
-        self._rotation = RotationSpline(times, Rotation.from_matrix(T[:, :3, :3]))
-
-    def pose(self, t: Array) -> Array:
-        """T (n, 4, 4) at times t (n,)."""
-        return se3.make(self._rotation(t).as_matrix(), self._position(t))
-
-    def quaternions(self, t: Array) -> Array:
-        """Unit quaternions (n, 4) at times t (n,), neighbours with like signs."""
-        q = self._rotation(t).as_quat()
-        flips = np.cumprod(np.concatenate([[1.0], np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1.0, 1.0)]))
-        return q * flips[:, None]
-
-    def rate(self, t: Array) -> Array:
-        """Its derivative in the chart of `se3.retract`, (n, 6): angular velocity and velocity in the base."""
-        # SciPy's angular rate is along the body's own axes.
-        omega = self._rotation(t).apply(self._rotation(t, 1))
-        return np.concatenate([omega, self._position(t, 1)], axis=1)
+    @property
+    def misfit(self) -> float:
+        """What offsets are compared by: the logarithm of both noise levels, as in their likelihood."""
+        return float(sum(np.log(level.sigma) for level in self.noise.values()))
 
 
 class _LoopFactor(Factor):
@@ -140,64 +125,145 @@ def estimate_time_offset(
 
     Args: times in seconds, increasing; T_base_gripper (m, 4, 4), T_camera_target (n, 4, 4), metres;
     setup, eye-in-hand or eye-to-hand; largest, the offset searched to either side, seconds.
-    Raises: InputError for times that do not increase or too few samples; RefusedError when the motion is too slow or
-    too even to tell, when the two motions do not belong together, or the offset may lie beyond `largest`.
+    Raises: InputError for times that do not increase or too few samples; RefusedError when the motion is too slow, too
+    even or repeats too well to tell, when the two motions do not belong together or the setup is the other one, or the
+    offset may lie beyond `largest`.
     """
     place = get_setup(setup)
     t_robot, A = _checked(robot_times, T_base_gripper, "robot")
     t_camera, B = _checked(camera_times, T_camera_target, "camera")
-    start, correlation = _by_speed(t_robot, A, t_camera, B, largest)
     spline = PoseSpline(t_robot, A)
-    used = (t_camera + start - _reach(t_robot) >= spline.start) & (t_camera + start + _reach(t_robot) <= spline.end)
+    found: list[TimeOffset] = []
+    failure: RefusedError | None = None
+    for start, correlation in shifts_by_speed(spline, t_robot, t_camera, B, largest):
+        try:
+            found.append(_from(place, spline, t_robot, t_camera, B, start, correlation))
+        except RefusedError as error:
+            failure = failure or error
+    if not found:
+        raise failure or RefusedError("no offset brings the two motions together; are they of one recording?")
+    found.sort(key=lambda answer: answer.misfit)
+    if found[0].unexplained > CLOSED:
+        raise RefusedError(_open(found[0], place))
+    _require_one(found)
+    return found[0]
+
+
+def _from(
+    place: Setup, spline: PoseSpline, t_robot: Array, t_camera: Array, B: Array, start: float, correlation: float
+) -> TimeOffset:
+    """The answer refined from one start. Raises: RefusedError when the samples do not determine it."""
+    reach = 5 * float(np.median(np.diff(t_robot)))  # room for the refinement to either side
+    used = (t_camera + start - reach >= spline.start) & (t_camera + start + reach <= spline.end)
     if used.sum() < LEAST_SAMPLES:
         raise RefusedError(
             f"only {int(used.sum())} camera samples lie within the robot's; expected {LEAST_SAMPLES} and more"
         )
-    t, B = t_camera[used], B[used]
-    normal = place.normal_form(spline.pose(t + start))
+    t, seen = t_camera[used], B[used]
     try:
-        seed = SOLVERS["park"].solve(normal, B)
+        seed = SOLVERS["park"].solve(place.normal_form(spline.pose(t + start)), seen)
     except RefusedError as error:
         raise RefusedError(f"the motion does not determine the offset together with the camera: {error}") from error
-    return _refined(place, spline, t, B, seed.X, seed.Z, start, correlation, used)
-
-
-def _refined(
-    place: Setup, spline: PoseSpline, t: Array, B: Array, X: Array, Z: Array, start: float, correlation: float,
-    used: NDArray[np.bool_],
-) -> TimeOffset:  # fmt: skip
     factors = tuple(
-        _LoopFactor(noise, spline, t, B, inverted=place.robot_inverted, noise=noise)
+        _LoopFactor(noise, spline, t, seen, inverted=place.robot_inverted, noise=noise)
         for noise in (LOOP_ROTATION, LOOP_TRANSLATION)
     )
     variables = (
-        Variable("X", SE3(), X[None]),
-        Variable("Z", SE3(), Z[None]),
+        Variable("X", SE3(), seed.X[None]),
+        Variable("Z", SE3(), seed.Z[None]),
         Variable("offset", Euclidean(("offset",)), np.array([[start]])),
     )
-    problem = Problem(variables, factors)
-    estimate = estimate_noise(problem, sigmas={LOOP_ROTATION: 1e-3, LOOP_TRANSLATION: 1e-3}, floors=_FLOORS)
-    solution = estimate.solution
-    if not solution.converged:
-        raise RefusedError(f"the offset did not settle: {solution.message}; check that both files show one motion")
-    offset = float(solution.value("offset")[0, 0])
-    sigma = float(np.sqrt(solution.covariance("offset")[0, 0]))
-    X, Z = solution.value("X")[0], solution.value("Z")[0]
-    turn, shift = (solution.residuals(noise) for noise in (LOOP_ROTATION, LOOP_TRANSLATION))
+    sigmas = {LOOP_ROTATION: 1e-3, LOOP_TRANSLATION: 1e-3}
+    estimate = estimate_noise(Problem(variables, factors), sigmas=sigmas, floors=_FLOORS)
+    if not estimate.solution.converged:
+        message = f"the offset did not settle: {estimate.solution.message}"
+        raise RefusedError(f"{message}; check that both files show one motion")
+    # What the robot's samples are off by is shared by all camera samples between them.
+    lags = int(np.ceil(3 * np.median(np.diff(t_robot)) / np.median(np.diff(t_camera))))
+    return _answer(place, spline, factors, estimate, correlation, used, lags)
+
+
+def _answer(
+    place: Setup, spline: PoseSpline, factors: tuple[_LoopFactor, ...], estimate: NoiseEstimate, correlation: float,
+    used: NDArray[np.bool_], lags: int,
+) -> TimeOffset:  # fmt: skip
+    solution, t, B = estimate.solution, factors[0].t, factors[0].B
+    X, Z, offset = solution.value("X")[0], solution.value("Z")[0], float(solution.value("offset")[0, 0])
+    covariance = _covariance(factors, estimate, lags)
+    mm, deg = (
+        unit * float(np.sqrt(np.mean(np.sum(solution.residuals(noise) ** 2, axis=1))))
+        for noise, unit in ((LOOP_TRANSLATION, 1e3), (LOOP_ROTATION, 180 / np.pi))
+    )
+    robot = spline.pose(t + offset)
     unshifted = place.normal_form(spline.pose(np.clip(t, spline.start, spline.end))) @ X @ B
-    spread = unshifted[:, :3, 3] - unshifted[:, :3, 3].mean(axis=0)
+    moved = max(_spread(robot[:, :3, 3]), _spread(B[:, :3, 3]))
+    turned = np.sqrt(np.mean(so3.angle(robot[:, :3, :3] @ robot[len(robot) // 2, :3, :3].T) ** 2))
     return TimeOffset(
         offset=offset,
-        sigma=sigma,
+        sigma=float(np.sqrt(covariance[12, 12])),
         correlation=correlation,
-        camera=TransformEstimate(place.camera_parent, "camera", X, solution.covariance("X")),
-        target=TransformEstimate(place.target_parent, "target", Z, solution.covariance("Z")),
+        camera=TransformEstimate(place.camera_parent, "camera", X, covariance[:6, :6]),
+        target=TransformEstimate(place.target_parent, "target", Z, covariance[6:12, 6:12]),
         noise=dict(estimate.levels),
-        rms_mm=1e3 * float(np.sqrt(np.mean(np.sum(shift**2, axis=1)))),
-        rms_deg=float(np.rad2deg(np.sqrt(np.mean(np.sum(turn**2, axis=1))))),
-        at_zero_mm=1e3 * float(np.sqrt(np.mean(np.sum(spread**2, axis=1)))),
+        rms_mm=mm,
+        rms_deg=deg,
+        at_zero_mm=1e3 * _spread(unshifted[:, :3, 3]),
+        unexplained=float(max(1e-3 * mm / moved, np.deg2rad(deg) / turned)),
         used=used,
     )
+
+
+def _spread(points: Array) -> float:
+    """Root mean square distance of points (n, 3) from their mean."""
+    return float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))))
+
+
+def _covariance(factors: tuple[_LoopFactor, ...], estimate: NoiseEstimate, lags: int) -> Array:
+    """Covariance (13, 13) of X, Z and offset by the scores of neighbouring samples; see the module."""
+    solution = estimate.solution
+    values = [solution.value(name) for name in ("X", "Z", "offset")]
+    J_parts, r_parts = [], []
+    for factor in factors:
+        r, J = factor.linearize(*(np.repeat(v, len(factor.t), axis=0) for v in values))
+        sigma = estimate.levels[factor.noise].sigma
+        r_parts.append(r / sigma)
+        J_parts.append(np.concatenate(J, axis=2) / sigma)
+    J, r = np.concatenate(J_parts, axis=1), np.concatenate(r_parts, axis=1)
+    n, p = len(J), J.shape[2]
+    scale = 1 / np.sqrt(np.einsum("nij,nij->j", J, J))  # radians, metres and seconds: scaled, no digits are lost
+    J = J * scale
+    g = np.einsum("nij,ni->nj", J, r)
+    # Newey and West's own number of lags, for noise that is correlated for other reasons.
+    lags = min(max(lags, int(4 * (n / 100) ** (2 / 9))), n // 4)
+    meat = g.T @ g
+    for lag in range(1, lags + 1):
+        across = g[:-lag].T @ g[lag:]
+        meat = meat + (1 - lag / (lags + 1)) * (across + across.T)
+    N = np.linalg.inv(np.einsum("nij,nik->jk", J, J))
+    return np.asarray(n / max(n - p, 1) * (N @ meat @ N) * np.outer(scale, scale))
+
+
+def _open(found: TimeOffset, place: Setup) -> str:
+    other = next(name for name in SETUPS if name != place.name)
+    return (
+        f"the loop does not close: {found.rms_mm:.3g} mm and {found.rms_deg:.3g} deg rms are left of it, "
+        f"{100 * found.unexplained:.0f} % of the motion; is the camera mounted otherwise (--setup {other}), are both "
+        "files of one recording, and are the poses read as they were written?"
+    )
+
+
+def _require_one(found: list[TimeOffset]) -> None:
+    """Raises: RefusedError when another offset closes the loop as well as the best."""
+    best = found[0]
+    for other in found[1:]:
+        alike = other.rms_mm < ALIKE * best.rms_mm and other.rms_deg < ALIKE * best.rms_deg
+        apart = abs(other.offset - best.offset)
+        if alike and apart > 10 * best.sigma:
+            raise RefusedError(
+                f"the motion repeats: offsets of {best.offset:.3f} s and {other.offset:.3f} s fit alike; record a "
+                f"motion that does not repeat, or search less far (--largest {500 * apart:.0f}ms) where the clocks are "
+                "known to be that near"
+            )
 
 
 def _checked(times: ArrayLike, poses: ArrayLike, who: str) -> tuple[Array, Array]:
@@ -214,52 +280,3 @@ def _checked(times: ArrayLike, poses: ArrayLike, who: str) -> tuple[Array, Array
             "samples and remove repeated ones"
         )
     return t, T
-
-
-def _reach(t_robot: Array) -> float:
-    """Room that the refinement needs to either side of the best shift: a few of the robot's own steps."""
-    return 5 * float(np.median(np.diff(t_robot)))
-
-
-def _by_speed(t_robot: Array, A: Array, t_camera: Array, B: Array, largest: float) -> tuple[float, float]:
-    """Shift (s) at which the angular speeds agree best, and their correlation there."""
-    speed = so3.angle(B[1:, :3, :3] @ np.swapaxes(B[:-1, :3, :3], -1, -2)) / np.diff(t_camera)
-    if np.median(speed) < LEAST_SPEED and speed.max() < 10 * LEAST_SPEED:
-        raise RefusedError(
-            f"the target turns at {np.rad2deg(speed.max()):.2g} deg/s at most: too slow to tell an offset; record one "
-            "continuous motion that turns about several axes, speeding up and slowing down"
-        )
-    # The robot's turn over each of the camera's own intervals: the same smoothing on both sides. Both ends are taken
-    # from a fine grid of quaternions, chords of which give the angle: |q1 - q0| = 2 sin(angle / 4).
-    step = min(float(np.median(np.diff(t_camera))), float(np.median(np.diff(t_robot)))) / 2
-    grid = np.arange(t_robot[0], t_robot[-1], step)
-    q = PoseSpline(t_robot, A).quaternions(grid)
-    first, last = (np.round((t - grid[0]) / step).astype(np.int64) for t in (t_camera[:-1], t_camera[1:]))
-    widest = int(np.ceil(largest / step))
-    shifts = np.arange(-widest, widest + 1)
-    scores = np.full(len(shifts), -1.0)
-    for k, shift in enumerate(shifts.tolist()):
-        inside = (first + shift >= 0) & (last + shift < len(grid))
-        if inside.sum() < max(LEAST_SAMPLES - 1, len(speed) // 3):
-            continue
-        chord = np.linalg.norm(q[last[inside] + shift] - q[first[inside] + shift], axis=1)
-        turned = 4 * np.arcsin(np.minimum(chord / 2, 1.0)) / ((last - first)[inside] * step)
-        if turned.std() > 1e-9 and speed[inside].std() > 1e-9:
-            scores[k] = np.corrcoef(turned, speed[inside])[0, 1]
-    best = int(np.argmax(scores))
-    _require_peak(scores, shifts * float(step), best, largest)
-    return float(shifts[best] * step), float(scores[best])
-
-
-def _require_peak(scores: Array, shifts: NDArray[np.floating], best: int, largest: float) -> None:
-    """Raises: RefusedError when no shift within the range brings the speeds together."""
-    if scores[best] < LEAST_CORRELATION:
-        raise RefusedError(
-            f"no offset within {largest:g} s brings the two motions together: the angular speeds correlate by "
-            f"{max(scores[best], 0.0):.2f} at best; check that the files are of one recording, or search wider "
-            "(--largest 10s)"
-        )
-    if best in (0, len(shifts) - 1):
-        raise RefusedError(
-            f"the best offset is at the edge of the search, {shifts[best]:.3g} s; search wider (--largest 10s)"
-        )

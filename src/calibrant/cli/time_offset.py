@@ -88,30 +88,36 @@ def _result(found: TimeOffset, setup: str, inputs: tuple[dict[str, str], ...]) -
     import numpy as np
 
     from calibrant.calibrate.time_offset import LOOP_ROTATION, LOOP_TRANSLATION
-    from calibrant.data import CalibrationResult, Check, SigmaRobot, verdict_of
+    from calibrant.data import CalibrationResult, Check, verdict_of
 
     ms, sigma = 1e3 * found.offset, 1e3 * found.sigma
-    words = f"t_robot = t_camera {'+' if ms >= 0 else '−'} {abs(ms):.3f} ms ± {sigma:.3f} ms"
-    loop = f"loop {found.rms_mm:.3g} mm rms, {found.at_zero_mm:.3g} mm without the offset"
+    late = "behind" if ms >= 0 else "ahead of"
+    sign = "+" if ms >= 0 else "−"
+    words = (
+        f"t_robot = t_camera {sign} {abs(ms):.3f} ms ± {sigma:.3f} ms: the camera's clock is {late} the robot's; "
+        f"{'add' if ms >= 0 else 'take'} {abs(ms):.3f} ms {'to' if ms >= 0 else 'from'} its times"
+    )
     # A tenth of a camera's frame at 30 per second: below it synchronisation is no longer the error that counts.
     weak = sigma > 3.3
-    checks = (
-        Check(
-            "time-offset",
-            "warn" if weak else "ok",
-            words + ("; move faster for a better one" if weak else ""),
-            found.offset,
-        ),
-        Check("loop", "ok", loop, found.rms_mm),
-        Check("correlation", "ok", f"angular speeds correlate by {found.correlation:.4f}", found.correlation),
-    )
     position, rotation = found.noise[LOOP_TRANSLATION], found.noise[LOOP_ROTATION]
+    loop = (
+        f"closes to {found.rms_mm:.3g} mm and {found.rms_deg:.3g} deg rms, to {found.at_zero_mm:.3g} mm without the "
+        f"offset; noise {1e3 * position.sigma:.3g} mm and {np.rad2deg(rotation.sigma):.3g} deg per axis"
+    )
+    more = "; move faster, or record for longer, for a better one" if weak else ""
+    checks = (
+        Check("time-offset", "warn" if weak else "ok", words + more, found.offset),
+        Check("loop", "ok", loop, found.rms_mm),
+        Check(
+            "correlation", "ok", f"angular speeds correlate by {found.correlation:.4f}; {int(found.used.sum())} of "
+            f"{len(found.used)} camera samples lie within the robot's", found.correlation,
+        ),
+    )  # fmt: skip
     return CalibrationResult(
         kind="time-offset",
         verdict=verdict_of(checks),
         checks=checks,
         transforms=(found.camera, found.target),
-        sigma_robot=SigmaRobot(1e3 * position.sigma, float(np.rad2deg(rotation.sigma))),
         options={"setup": setup, "offset_s": found.offset, "offset_sigma_s": found.sigma},
         inputs=inputs,
     )

@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 
 _NUMBERED = re.compile(r"^(?P<stem>[a-z0-9]*joint[a-z]*|q|j|a|axis|theta)(?P<number>\d{1,2})$")
 _JOINT_ANGLES = ("auto", "deg", "rad")
+DEGREES_FROM = 0.5
+"""Share of rows beyond the limits as radians from which a table is in degrees: ordinary poses have some joint beyond 6
+degrees in nearly every row, a table in radians passes a limit in a few."""
 _FACTORS = {"deg": np.pi / 180, "rad": 1.0, "m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254, "": 1.0}
 
 
@@ -97,7 +100,7 @@ def joint_values(
     silent = np.array([unit == "" for unit in columns.units])
     stated = raw * np.array([_FACTORS[unit] for unit in columns.units])
     in_degrees = np.where(silent & ~slides, np.pi / 180, 1.0)
-    if angle == "auto" and chain is not None and not _within(chain, stated) and _within(chain, stated * in_degrees):
+    if angle == "auto" and chain is not None and _degrees(chain, stated, stated * in_degrees):
         angle = "deg"
     q = stated * in_degrees if angle == "deg" else stated
     if chain is not None:
@@ -170,5 +173,15 @@ def _columns(header: Sequence[str], index: Sequence[int]) -> JointColumns:
     return JointColumns(tuple(index), tuple(header[i].strip() for i in index), tuple(units))
 
 
-def _within(chain: KinematicChain, q: Array) -> bool:
-    return bool(np.all((q >= chain.lower - LIMIT_SLACK) & (q <= chain.upper + LIMIT_SLACK)))
+def _degrees(chain: KinematicChain, plain: Array, scaled: Array) -> bool:
+    """Whether values without a unit are degrees: only as these are they within the limits, and not for a few rows.
+
+    One row in radians beyond a limit is a fault of that row; it does not make all others a sixtieth of a turn.
+    """
+    beyond = ~_within(chain, plain)
+    return bool(beyond.mean() > DEGREES_FROM and _within(chain, scaled).all())
+
+
+def _within(chain: KinematicChain, q: Array) -> NDArray[np.bool_]:
+    """Which rows (n,) are inside the limits."""
+    return np.all((q >= chain.lower - LIMIT_SLACK) & (q <= chain.upper + LIMIT_SLACK), axis=1)

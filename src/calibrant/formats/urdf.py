@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.errors import InputError
+from calibrant.formats.urdf_tree import UrdfJoint, check_tree, listed, only_leaf, only_root
 from calibrant.geometry import rotations, se3
 from calibrant.robots.chain import Joint, KinematicChain
 from calibrant.robots.links import LinkChain, Load, Mover, as_links
@@ -24,7 +25,6 @@ from calibrant.robots.links import LinkChain, Load, Mover, as_links
 Array = NDArray[np.float64]
 
 _MOVING = ("revolute", "continuous", "prismatic")
-_LISTED = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,21 +39,11 @@ class UrdfChain:
     source: str
 
 
-@dataclass(frozen=True, eq=False)
-class _UrdfJoint:
-    name: str
-    kind: str
-    parent: str
-    child: str
-    origin: Array
-    element: ET.Element
-
-
 def read_urdf(path: str | Path, *, link: str | None = None, base: str | None = None) -> UrdfChain:
     """The chain from link `base` (the root by default) to `link` (the only leaf below it by default).
 
     Raises: InputError naming the file and what is wrong: no XML, no such link (with those there are), several leaves,
-    joints of other kinds in the chain, limits that are missing or reversed.
+    joints of other kinds in the chain, limits that are missing or reversed, links that are no tree.
     """
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
@@ -69,12 +59,13 @@ def parse_urdf(text: str, source: str, *, link: str | None = None, base: str | N
     joints = [_joint(element, source) for element in root.findall("joint")]
     by_child = {j.child: j for j in joints}
     links = [str(e.get("name")) for e in root.findall("link")]
-    start = base if base is not None else _only_root(links, by_child, source)
+    check_tree(links, joints, source)
+    start = base if base is not None else only_root(links, by_child, source)
     for name in (start, *([link] if link else [])):
         if name not in links:
-            raise InputError(f"{source}: no link {name!r}; the links are {_listed(links)}")
-    tip = link if link is not None else _only_leaf(start, joints, source)
-    path: list[_UrdfJoint] = []
+            raise InputError(f"{source}: no link {name!r}; the links are {listed(links)}")
+    tip = link if link is not None else only_leaf(start, joints, source)
+    path: list[UrdfJoint] = []
     at = tip
     while at != start:
         if at not in by_child:
@@ -169,7 +160,7 @@ def _root(text: str, source: str) -> ET.Element:
     return root
 
 
-def _joint(element: ET.Element, source: str) -> _UrdfJoint:
+def _joint(element: ET.Element, source: str) -> UrdfJoint:
     name = element.get("name")
     if not name:
         raise InputError(f"{source}: a joint without a name")
@@ -179,7 +170,7 @@ def _joint(element: ET.Element, source: str) -> _UrdfJoint:
         if end is None or not end.get("link"):
             raise InputError(f"{source}: joint {name!r} has no {role} link")
         ends.append(str(end.get("link")))
-    return _UrdfJoint(name, element.get("type", ""), ends[0], ends[1], _origin(element, source), element)
+    return UrdfJoint(name, element.get("type", ""), ends[0], ends[1], _origin(element, source), element)
 
 
 def _origin(element: ET.Element, source: str) -> Array:
@@ -216,32 +207,7 @@ def _numbers(values: Array) -> str:
     return " ".join(repr(float(v) + 0.0) for v in values)
 
 
-def _only_root(links: Sequence[str], by_child: Mapping[str, _UrdfJoint], source: str) -> str:
-    roots = [name for name in links if name not in by_child]
-    if len(roots) != 1:
-        raise InputError(f"{source}: {len(roots)} links without a parent ({_listed(roots)}); a robot has one base")
-    return roots[0]
-
-
-def _only_leaf(base: str, joints: Sequence[_UrdfJoint], source: str) -> str:
-    """The link at the end of the only moving chain: the last one that does not branch into two moving joints."""
-    children: dict[str, list[_UrdfJoint]] = {}
-    for joint in joints:
-        children.setdefault(joint.parent, []).append(joint)
-    leaves: list[str] = []
-    open_links = [base]
-    while open_links:
-        at = open_links.pop(0)
-        below = children.get(at, [])
-        open_links += [j.child for j in below]
-        if not below:
-            leaves.append(at)
-    if len(leaves) != 1:
-        raise InputError(f"{source}: the robot ends in several links ({_listed(leaves)}); choose one with --robot-link")
-    return leaves[0]
-
-
-def _chain(path: Sequence[_UrdfJoint], joints: Sequence[_UrdfJoint], root: ET.Element, source: str) -> LinkChain:
+def _chain(path: Sequence[UrdfJoint], joints: Sequence[UrdfJoint], root: ET.Element, source: str) -> LinkChain:
     by_name = {j.name: j for j in joints}
     moving = [j for j in path if j.kind != "fixed"]
     for joint in moving:
@@ -263,7 +229,7 @@ def _chain(path: Sequence[_UrdfJoint], joints: Sequence[_UrdfJoint], root: ET.El
     return LinkChain(tuple(_limits(by_name[d], source) for d in driven), movers, links, mixing, offset, loads)
 
 
-def _links(path: Sequence[_UrdfJoint]) -> tuple[Array, list[tuple[str, int, Array]]]:
+def _links(path: Sequence[UrdfJoint]) -> tuple[Array, list[tuple[str, int, Array]]]:
     """F_1 ... F_end, and each link of the chain with the mover that carries it and its pose in that mover's frame."""
     links: list[Array] = []
     carried: list[tuple[str, int, Array]] = []
@@ -278,7 +244,7 @@ def _links(path: Sequence[_UrdfJoint]) -> tuple[Array, list[tuple[str, int, Arra
     return np.array([*links, T]), carried
 
 
-def _rule(joint: _UrdfJoint, by_name: Mapping[str, _UrdfJoint], source: str) -> tuple[str, float, float]:
+def _rule(joint: UrdfJoint, by_name: Mapping[str, UrdfJoint], source: str) -> tuple[str, float, float]:
     """The joint that drives this one, with multiplier and offset: x = multiplier * q + offset."""
     multiplier, offset, at = 1.0, 0.0, joint
     for _ in range(len(by_name)):
@@ -296,7 +262,7 @@ def _rule(joint: _UrdfJoint, by_name: Mapping[str, _UrdfJoint], source: str) -> 
     raise InputError(f"{source}: joint {joint.name!r} mimics itself in a circle")
 
 
-def _number(element: ET.Element, key: str, default: float | None, joint: _UrdfJoint, source: str) -> float:
+def _number(element: ET.Element, key: str, default: float | None, joint: UrdfJoint, source: str) -> float:
     text = element.get(key)
     if text is None and default is not None:
         return float(default)
@@ -309,7 +275,7 @@ def _number(element: ET.Element, key: str, default: float | None, joint: _UrdfJo
     return value
 
 
-def _limits(joint: _UrdfJoint, source: str) -> Joint:
+def _limits(joint: UrdfJoint, source: str) -> Joint:
     kind = "prismatic" if joint.kind == "prismatic" else "revolute"
     if joint.kind == "continuous":
         return Joint(joint.name, -math.inf, math.inf)
@@ -322,7 +288,7 @@ def _limits(joint: _UrdfJoint, source: str) -> Joint:
     return Joint(joint.name, lower, upper, kind)  # type: ignore[arg-type]
 
 
-def _axis(joint: _UrdfJoint, source: str) -> tuple[float, float, float]:
+def _axis(joint: UrdfJoint, source: str) -> tuple[float, float, float]:
     element = joint.element.find("axis")
     where = f"{source}: the axis of joint {joint.name!r}"
     values = _triple("1 0 0" if element is None else element.get("xyz", "1 0 0"), where)
@@ -333,7 +299,7 @@ def _axis(joint: _UrdfJoint, source: str) -> tuple[float, float, float]:
 
 
 def _loads(
-    root: ET.Element, joints: Sequence[_UrdfJoint], carried: list[tuple[str, int, Array]], source: str
+    root: ET.Element, joints: Sequence[UrdfJoint], carried: list[tuple[str, int, Array]], source: str
 ) -> tuple[Load, ...]:
     """Masses of the chain's links and of what is fixed to them."""
     known = {name for name, _, _ in carried}
@@ -358,7 +324,3 @@ def _loads(
             x, y, z = (T @ _origin(inertial, source))[:3, 3].tolist()
             loads.append(Load(mover, kilograms, (x, y, z)))
     return tuple(loads)
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:_LISTED]) + (" …" if len(names) > _LISTED else "") if names else "none"

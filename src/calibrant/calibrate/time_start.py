@@ -1,0 +1,141 @@
+"""Where to look for the offset between two clocks: the shifts at which the angular speeds of two motions agree.
+
+The board turns in the camera as fast as the gripper turns in the base, whatever the unknown transforms (Mair et al.
+2011; Furrer et al. 2017), so that the correlation of both speeds over shifts peaks at the offset. A motion that repeats
+has several peaks; all that are nearly as high are starts.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.errors import RefusedError
+from calibrant.geometry import se3, so3
+
+Array = NDArray[np.float64]
+
+LEAST_CORRELATION = 0.6
+"""Angular speeds that belong together agree beyond this at their best shift; by chance 20 samples reach it in one of a
+hundred thousand."""
+LEAST_SAMPLES = 10
+LEAST_SPEED = np.deg2rad(1.0)
+"""Radians a second: below it the motion is one of poses held, not of a continuous sweep."""
+EVEN = 0.1
+"""Variation of the angular speed, relative to its mean, below which its own noise is most of it."""
+MOST_PEAKS = 6
+_VALLEY = 0.9
+"""Share of a peak's height down to which its slopes belong to it; also the least height of another peak."""
+
+
+class PoseSpline:
+    """Robot poses as a smooth function of time. times (m,), increasing; T (m, 4, 4)."""
+
+    def __init__(self, times: Array, T: Array) -> None:
+        from scipy.interpolate import CubicSpline
+        from scipy.spatial.transform import Rotation, RotationSpline
+
+        self.start, self.end = float(times[0]), float(times[-1])
+        self._position = CubicSpline(times, T[:, :3, 3])
+        self._rotation = RotationSpline(times, Rotation.from_matrix(T[:, :3, :3]))
+
+    def pose(self, t: Array) -> Array:
+        """T (n, 4, 4) at times t (n,)."""
+        return se3.make(self._rotation(t).as_matrix(), self._position(t))
+
+    def quaternions(self, t: Array) -> Array:
+        """Unit quaternions (n, 4) at times t (n,), neighbours with like signs."""
+        q = self._rotation(t).as_quat()
+        flips = np.cumprod(np.concatenate([[1.0], np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1.0, 1.0)]))
+        return q * flips[:, None]
+
+    def rate(self, t: Array) -> Array:
+        """Its derivative in the chart of `se3.retract`, (n, 6): angular velocity and velocity in the base."""
+        # SciPy's angular rate is along the body's own axes.
+        omega = self._rotation(t).apply(self._rotation(t, 1))
+        return np.concatenate([omega, self._position(t, 1)], axis=1)
+
+
+def shifts_by_speed(
+    spline: PoseSpline, t_robot: Array, t_camera: Array, T_camera_target: Array, largest: float
+) -> list[tuple[float, float]]:
+    """Shifts (s) at which the angular speeds agree, the best first, and their correlations there.
+
+    Raises: RefusedError when the motion is too slow or too even, or no shift within `largest` brings them together.
+    """
+    turns = T_camera_target[1:, :3, :3] @ np.swapaxes(T_camera_target[:-1, :3, :3], -1, -2)
+    speed = so3.angle(turns) / np.diff(t_camera)
+    if np.median(speed) < LEAST_SPEED and speed.max() < 10 * LEAST_SPEED:
+        raise RefusedError(
+            f"the target turns at {np.rad2deg(speed.max()):.2g} deg/s at most: too slow to tell an offset; record one "
+            "continuous motion that turns about several axes, speeding up and slowing down"
+        )
+    # The robot's turn over each of the camera's own intervals: the same smoothing on both sides. Both ends are taken
+    # from a fine grid of quaternions, chords of which give the angle: |q1 - q0| = 2 sin(angle / 4).
+    # A sixteenth of the camera's interval is fine enough for a start, however often the robot reports.
+    of_camera, of_robot = float(np.median(np.diff(t_camera))), float(np.median(np.diff(t_robot)))
+    step = max(min(of_camera, of_robot) / 2, of_camera / 16)
+    grid = np.arange(t_robot[0], t_robot[-1], step)
+    q = spline.quaternions(grid)
+    first, last = (np.round((t - grid[0]) / step).astype(np.int64) for t in (t_camera[:-1], t_camera[1:]))
+    widest = int(np.ceil(largest / step))
+    shifts = np.arange(-widest, widest + 1)
+    scores = np.full(len(shifts), -1.0)
+    for k, shift in enumerate(shifts.tolist()):
+        inside = (first + shift >= 0) & (last + shift < len(grid))
+        if inside.sum() < max(LEAST_SAMPLES - 1, len(speed) // 3):
+            continue
+        chord = np.linalg.norm(q[last[inside] + shift] - q[first[inside] + shift], axis=1)
+        turned = 4 * np.arcsin(np.minimum(chord / 2, 1.0)) / ((last - first)[inside] * step)
+        if turned.std() > 1e-9 and speed[inside].std() > 1e-9:
+            scores[k] = np.corrcoef(turned, speed[inside])[0, 1]
+    times = shifts * float(step)
+    _require_peak(scores, times, largest, _turning(spline, t_robot))
+    return [(float(times[k]), float(scores[k])) for k in _peaks(scores)]
+
+
+def _turning(spline: PoseSpline, t_robot: Array) -> Array:
+    """The gripper's angular speed (n,) over the recording, at most 500 moments of it."""
+    at = np.linspace(t_robot[0], t_robot[-1], min(len(t_robot), 500))
+    return np.asarray(np.linalg.norm(spline.rate(at)[:, :3], axis=1))
+
+
+def _require_peak(scores: Array, shifts: Array, largest: float, turning: Array) -> None:
+    """Raises: RefusedError when no shift within the range brings the speeds together."""
+    best = int(np.argmax(scores))
+    if scores[best] < LEAST_CORRELATION:
+        variation = float(turning.std() / max(turning.mean(), 1e-12))
+        if variation < EVEN and turning.mean() > LEAST_SPEED:
+            raise RefusedError(
+                f"the gripper turns evenly, at {np.rad2deg(turning.mean()):.3g} deg/s with less than "
+                f"{100 * EVEN:.0f} % of variation: every moment looks like the next, which tells no offset; record a "
+                "motion that speeds up and slows down"
+            )
+        raise RefusedError(
+            f"no offset within {largest:g} s brings the two motions together: the angular speeds correlate by "
+            f"{max(scores[best], 0.0):.2f} at best; check that the files are of one recording, or search wider "
+            "(--largest 10s)"
+        )
+    if best in (0, len(shifts) - 1):
+        raise RefusedError(
+            f"the best offset is at the edge of the search, {shifts[best]:.3g} s; search wider (--largest 10s)"
+        )
+
+
+def _peaks(scores: Array) -> list[int]:
+    """The highest peaks, those nearly as high as the best, with their slopes taken away one after the other."""
+    left, found = scores.copy(), []
+    height = float(scores.max())
+    while len(found) < MOST_PEAKS:
+        k = int(np.argmax(left))
+        if left[k] < _VALLEY * height:
+            break
+        low, high = k, k
+        while low > 0 and scores[low - 1] >= _VALLEY * scores[k]:
+            low -= 1
+        while high < len(scores) - 1 and scores[high + 1] >= _VALLEY * scores[k]:
+            high += 1
+        left[low : high + 1] = -1.0
+        if 0 < k < len(scores) - 1:
+            found.append(k)
+    return found

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -52,12 +54,39 @@ def test_touch_errors_are_as_large_as_predicted() -> None:
         found = tip_by_touch(noisy)
         error = found.tip - TIP
         # With the true level: its estimate from 18 spare residuals makes the ratio an F instead of a chi-square.
-        true = found.covariance * (sigma * 1e3 / found.sigma) ** 2
+        true = found.covariance * (sigma * 1e3 / found.sigma) ** 2 * (16 / 18)
         squares.append(error @ np.linalg.solve(true, error))
         levels.append(found.sigma**2)
     low, high = chi2.ppf([0.0005, 0.9995], 3 * len(squares))
     assert low < np.sum(squares) < high
     assert np.sqrt(np.mean(levels)) == pytest.approx(1e3 * sigma, rel=0.05)
+
+
+@pytest.mark.parametrize("n", [4, 6])
+def test_few_touches_are_as_certain_as_stated(n: int) -> None:
+    rng = np.random.default_rng(n)
+    poses, squares, flagged = touching(n, rng), [], 0
+    for _ in range(400):
+        noisy = poses.copy()
+        noisy[:, :3, 3] += 2e-4 * rng.standard_normal((n, 3))
+        found = tip_by_touch(noisy)
+        error = found.tip - TIP
+        squares.append(error @ np.linalg.solve(found.covariance, error) / 3)
+        flagged += found.chances.min() < 0.01 / n
+    # Six spare residuals of four touches: 1.5 without Student's widening. The mean scatters by 0.11 (heavy tails).
+    assert 0.75 < np.mean(squares) < 1.3
+    assert flagged < 12  # once in a hundred: 4 of 400, more than 11 by chance once in a thousand
+
+
+def test_a_touch_that_slipped_is_named() -> None:
+    rng = np.random.default_rng(9)
+    poses = touching(8, rng)
+    poses[:, :3, 3] += 1e-4 * rng.standard_normal((8, 3))
+    poses[3, :3, 3] += [0.0, 0.0, 0.002]
+    found = tip_by_touch(poses)
+    assert np.argmin(found.chances) == 3
+    assert found.chances[3] < 1e-6
+    assert np.delete(found.chances, 3).min() > 0.01
 
 
 def test_orientations_too_alike_are_refused_by_name() -> None:
@@ -88,16 +117,33 @@ def test_sight_errors_are_as_large_as_predicted() -> None:
     rng, n, camera = np.random.default_rng(4), 10, standard_camera()
     poses = swinging(n, rng)
     squares = []
-    for _ in range(60):
+    for _ in range(200):
         estimate = camera_estimate(5e-4, 5e-4)
         truth = se3.retract(CAMERA_AT, 5e-4 * rng.standard_normal(6))
         pixels = seen(poses, truth) + 0.2 * rng.standard_normal((n, 2))
         found: ToolTip = tip_by_sight(poses, pixels, camera=camera, base_camera=estimate)
         error = found.tip - TIP
         squares.append(error @ np.linalg.solve(found.covariance, error))
-    # The camera's error moves the rays apart as well, which the residuals' noise takes up; 60 trials of 3 degrees of
-    # freedom scatter by 0.32 about 3.
-    assert 2.0 < np.mean(squares) < 4.0
+    # 200 trials of 3 degrees of freedom scatter by 0.17 about 3, the noise from 17 residuals adds to it.
+    assert np.mean(squares) == pytest.approx(3.0, abs=0.6)
+    assert 0.5 < found.of_camera < 1
+
+
+def test_an_error_of_lens_and_place_that_cancel_costs_nothing() -> None:
+    # The principal point is off, and the camera was found turned so that it sees as before: known only together.
+    rng, camera = np.random.default_rng(6), standard_camera()
+    poses, k = swinging(8, rng), len(camera.values)
+    direction = np.zeros(6 + k)
+    direction[1], direction[6 + list(camera.model.parameter_names).index("cx")] = 1e-3, -1.1
+    joint = np.outer(direction, direction) + 1e-12 * np.eye(6 + k)
+    pixels = seen(poses) + 0.1 * rng.standard_normal((8, 2))
+    alone = replace(camera, covariance=np.diag(np.diag(joint)[6:]))
+    estimate = as_transform("base", "camera", CAMERA_AT, np.diag(np.diag(joint)[:6]))
+    apart = tip_by_sight(poses, pixels, camera=alone, base_camera=estimate)
+    together = tip_by_sight(poses, pixels, camera=alone, base_camera=estimate, covariance=joint)
+    assert np.trace(together.covariance) < 0.5 * np.trace(apart.covariance)
+    with pytest.raises(InputError, match=r"place and camera is \(15, 15\)"):
+        tip_by_sight(poses, pixels, camera=camera, base_camera=estimate, covariance=np.eye(6))
 
 
 def test_unusable_sights_are_refused_by_name() -> None:

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calibrant.cameras import Camera
-from calibrant.data import TransformEstimate, as_transform
+from calibrant.data import TransformEstimate, View, as_transform
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3, so3
 
@@ -60,15 +60,19 @@ def calibrate_self_visibility(
     *,
     sigma_px: float,
     covariance_target: ArrayLike | None = None,
+    target_by_camera: ArrayLike | None = None,
 ) -> SelfVisibility:
     """The camera in the gripper from features that it sees of the gripper, which lies flat on a planar target.
 
-    Args: T_camera_target (4, 4) with covariance_target (6, 6) in `se3.retract`'s chart; features_uv (m, 2) px, m >= 2;
+    Args: T_camera_target (4, 4) with covariance_target (6, 6) of its points' noise, in `se3.retract`'s chart, and
+    target_by_camera (6, k), what it moves by with the camera's parameters (`moved_by_camera`): an error of the lens
+    moves board and features alike, and mostly cancels; features_uv (m, 2) px, m >= 2;
     features_gripper (m, 3) metres, gripper frame, z = 0 in the contact plane; sigma_px, noise of a feature per axis.
     Raises: InputError for shapes, fewer than two features, features on one spot, rays that miss the plane; RefusedError
     when the features do not fit each other.
     """
     T, uv, g = _checked(T_camera_target, features_uv, features_gripper, sigma_px)
+    _in_image(camera, uv)
     target = np.zeros((6, 6)) if covariance_target is None else np.asarray(covariance_target, dtype=np.float64)
     lens = np.zeros((len(camera.values),) * 2) if camera.covariance is None else camera.covariance
 
@@ -76,6 +80,10 @@ def calibrate_self_visibility(
     C[: uv.size, : uv.size] = sigma_px**2 * np.eye(uv.size)
     C[uv.size : uv.size + 6, uv.size : uv.size + 6] = target
     C[uv.size + 6 :, uv.size + 6 :] = lens
+    if target_by_camera is not None:
+        moved = np.eye(len(C))
+        moved[uv.size : uv.size + 6, uv.size + 6 :] = np.asarray(target_by_camera, dtype=np.float64)
+        C = moved @ C @ moved.T
     q = _on_plane(camera, T, uv, g)
     found = _planar(q, g)
     J = _planar_derivative(found, q, g, _plane_derivative(camera, T, q, g))
@@ -86,7 +94,7 @@ def calibrate_self_visibility(
         raise RefusedError(
             f"the gripper's features lie {rms:.3g} mm from where they should on the plane, "
             f"{rms / max(sigma, 1e-9):.1f} times what the noise explains; check their "
-            "coordinates and order, and that the gripper lies flat"
+            "coordinates (their unit, too) and order, and that the gripper lies flat"
         )
     return SelfVisibility(
         as_transform("gripper", "camera", *_gripper_camera(T, found[:3], J[:3], C, uv.size)),
@@ -95,6 +103,30 @@ def calibrate_self_visibility(
         rms,
         sigma,
     )
+
+
+def moved_by_camera(camera: Camera, view: View, T_camera_target: ArrayLike) -> Array:
+    """What a target's pose, fitted to a view with the camera held, moves by with its parameters: (6, k).
+
+    The pose keeps J^T r = 0, so that dT = -(J^T J)^-1 J^T J_theta dtheta.
+    """
+    T = se3.check(T_camera_target, name="T_camera_target")
+    rotated = view.points @ T[:3, :3].T
+    _, J_point, J_camera = camera.model.project_with_jacobians(camera.values, rotated + T[:3, 3])
+    J = np.concatenate([-J_point @ so3.hat(rotated), J_point], axis=-1).reshape(-1, 6)
+    return np.asarray(-np.linalg.lstsq(J, J_camera.reshape(len(J), -1), rcond=None)[0], dtype=np.float64)
+
+
+def _in_image(camera: Camera, uv: Array) -> None:
+    """Raises: InputError for a feature's pixel outside the image."""
+    width, height = camera.image_size
+    outside = np.any((uv < -0.5) | (uv > [width - 0.5, height - 0.5]), axis=1)
+    if outside.any():
+        i = int(np.flatnonzero(outside)[0])
+        raise InputError(
+            f"feature {i + 1} is at pixel ({uv[i, 0]:.6g}, {uv[i, 1]:.6g}), outside the image of {width}x{height} px; "
+            "check its u and v"
+        )
 
 
 def _checked(T: ArrayLike, uv: ArrayLike, g: ArrayLike, sigma_px: float) -> tuple[Array, Array, Array]:

@@ -7,10 +7,10 @@ one least-squares problem over the loop
 
     A(t_i + offset) X B_i = Z,
 
-A(t) the robot's poses interpolated: rotations by a cubic spline of rotation vectors between neighbours, positions by a
-cubic spline. Where several shifts are likely, as with a motion that repeats, the loop tells which is meant.
+A(t) the robot's poses as a smooth function of time (`PoseSpline`). Where several shifts are likely, as with a motion
+that repeats, the loop tells which is meant.
 
-The noise of the loop is estimated with it. Neighbouring samples share what the robot's samples between them were off
+The noise of the loop is estimated with it. Neighbouring samples share what the robot's samples around them were off
 by, and what turns the target moves it too: residuals are neither independent nor alike in all directions. The
 covariance is therefore that of the score, summed over neighbours (Newey and West 1987). With J_i, r_i in units of the
 noise, N = sum J_i^T J_i, g_i = J_i^T r_i, p unknowns and L lags,
@@ -178,8 +178,8 @@ def _from(
     if not estimate.solution.converged:
         message = f"the offset did not settle: {estimate.solution.message}"
         raise RefusedError(f"{message}; check that both files show one motion")
-    # What the robot's samples are off by is shared by all camera samples between them.
-    lags = int(np.ceil(3 * np.median(np.diff(t_robot)) / np.median(np.diff(t_camera))))
+    # What the robot's samples are off by is shared by the camera samples between two knots, and those some knots on.
+    lags = int(np.ceil(6 * spline.spacing / np.median(np.diff(t_camera))))
     return _answer(place, spline, factors, estimate, correlation, used, lags)
 
 

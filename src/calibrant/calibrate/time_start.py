@@ -7,11 +7,16 @@ has several peaks; all that are nearly as high are starts.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.errors import RefusedError
-from calibrant.geometry import se3, so3
+from calibrant.geometry import rotations, se3, so3
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 Array = NDArray[np.float64]
 
@@ -24,36 +29,74 @@ LEAST_SPEED = np.deg2rad(1.0)
 EVEN = 0.1
 """Variation of the angular speed, relative to its mean, below which its own noise is most of it."""
 MOST_PEAKS = 6
+_INTERVAL = 0.1
+"""Seconds over which turns are taken: arms hardly change their speed within it, and the noise of a turn counts the less
+the longer it is."""
+_KNOTS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48)
+"""Samples between knots that are tried."""
 _VALLEY = 0.9
 """Share of a peak's height down to which its slopes belong to it; also the least height of another peak."""
 
 
 class PoseSpline:
-    """Robot poses as a smooth function of time. times (m,), increasing; T (m, 4, 4)."""
+    """Robot poses as a smooth function of time. times (m,), increasing; T (m, 4, 4).
+
+    Positions and unit quaternions are cubic splines, the quaternions brought back to length 1. Knots stand at every
+    k-th sample, k by generalised cross-validation (Craven and Wahba 1978): noise that is followed from sample to
+    sample would outrun a slow motion many times, m RSS / (m - parameters)^2 is least where it no longer is.
+
+    spacing: seconds between knots, over which errors of the samples are shared.
+    """
 
     def __init__(self, times: Array, T: Array) -> None:
-        from scipy.interpolate import CubicSpline
-        from scipy.spatial.transform import Rotation, RotationSpline
-
         self.start, self.end = float(times[0]), float(times[-1])
-        self._position = CubicSpline(times, T[:, :3, 3])
-        self._rotation = RotationSpline(times, Rotation.from_matrix(T[:, :3, :3]))
+        w, x, y, z = so3.quaternion_wxyz(T[:, :3, :3]).T
+        q = np.column_stack([x, y, z, w])
+        q = q * np.cumprod(np.concatenate([[1.0], np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1.0, 1.0)]))[:, None]
+        self._position, of_position = _smooth(times, T[:, :3, 3])
+        self._quaternion, of_rotation = _smooth(times, q)
+        self.spacing = max(of_position, of_rotation) * float(np.median(np.diff(times)))
+        self._position_rate, self._quaternion_rate = self._position.derivative(), self._quaternion.derivative()
 
     def pose(self, t: Array) -> Array:
         """T (n, 4, 4) at times t (n,)."""
-        return se3.make(self._rotation(t).as_matrix(), self._position(t))
+        return se3.make(rotations.matrix_from_quaternion_xyzw(self.quaternions(t)), self._position(t))
 
     def quaternions(self, t: Array) -> Array:
-        """Unit quaternions (n, 4) at times t (n,), neighbours with like signs."""
-        q = self._rotation(t).as_quat()
-        flips = np.cumprod(np.concatenate([[1.0], np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1.0, 1.0)]))
-        return q * flips[:, None]
+        """Unit quaternions x, y, z, w (n, 4) at times t (n,), neighbours with like signs."""
+        q = self._quaternion(t)
+        return np.asarray(q / np.linalg.norm(q, axis=1, keepdims=True))
 
     def rate(self, t: Array) -> Array:
         """Its derivative in the chart of `se3.retract`, (n, 6): angular velocity and velocity in the base."""
-        # SciPy's angular rate is along the body's own axes.
-        omega = self._rotation(t).apply(self._rotation(t, 1))
-        return np.concatenate([omega, self._position(t, 1)], axis=1)
+        # omega = 2 vec(q' q*), which the part of q' along q does not enter.
+        q, rate = self._quaternion(t), self._quaternion_rate(t)
+        v, a = q[:, :3], rate[:, :3]
+        omega = 2 * (q[:, 3:] * a - rate[:, 3:] * v - np.cross(a, v)) / np.sum(q**2, axis=1, keepdims=True)
+        return np.concatenate([omega, self._position_rate(t)], axis=1)
+
+
+def _smooth(times: Array, values: Array) -> tuple[BSpline, int]:
+    """The cubic spline of values (m, d), and the samples between its knots."""
+    from scipy.interpolate import make_interp_spline, make_lsq_spline
+
+    m = len(times)
+    tried: list[tuple[float, int, BSpline]] = []
+    for k in _KNOTS:
+        inner = times[k : m - 2 : k]
+        if len(inner) < 2:
+            break
+        knots = np.concatenate([np.repeat(times[0], 4), inner, np.repeat(times[-1], 4)])
+        spline = make_lsq_spline(times, values, knots)
+        spare = m - (len(knots) - 4)
+        tried.append((float(np.sum((spline(times) - values) ** 2)) / spare**2, k, spline))
+    # Without noise the error of approximation is all there is: it falls by (2/3)^8 from knots 3 apart to 2 apart.
+    if len(tried) < 2 or tried[0][0] < 0.5 * tried[1][0]:
+        return make_interp_spline(times, values, k=3), 1
+    # One step finer than the least: there the error of approximation is as large as the noise, and has a sign.
+    best = min(range(len(tried)), key=lambda i: tried[i][0])
+    _, k, spline = tried[max(best - 1, 0)]
+    return spline, k
 
 
 def shifts_by_speed(
@@ -63,8 +106,12 @@ def shifts_by_speed(
 
     Raises: RefusedError when the motion is too slow or too even, or no shift within `largest` brings them together.
     """
-    turns = T_camera_target[1:, :3, :3] @ np.swapaxes(T_camera_target[:-1, :3, :3], -1, -2)
-    speed = so3.angle(turns) / np.diff(t_camera)
+    # A sixteenth of the camera's interval is fine enough for a start, however often the robot reports.
+    of_camera, of_robot = float(np.median(np.diff(t_camera))), float(np.median(np.diff(t_robot)))
+    step = max(min(of_camera, of_robot) / 2, of_camera / 16)
+    over = int(np.clip(round(_INTERVAL / of_camera), 1, len(t_camera) // LEAST_SAMPLES))
+    turns = T_camera_target[over:, :3, :3] @ np.swapaxes(T_camera_target[:-over, :3, :3], -1, -2)
+    speed = so3.angle(turns) / (t_camera[over:] - t_camera[:-over])
     if np.median(speed) < LEAST_SPEED and speed.max() < 10 * LEAST_SPEED:
         raise RefusedError(
             f"the target turns at {np.rad2deg(speed.max()):.2g} deg/s at most: too slow to tell an offset; record one "
@@ -72,12 +119,9 @@ def shifts_by_speed(
         )
     # The robot's turn over each of the camera's own intervals: the same smoothing on both sides. Both ends are taken
     # from a fine grid of quaternions, chords of which give the angle: |q1 - q0| = 2 sin(angle / 4).
-    # A sixteenth of the camera's interval is fine enough for a start, however often the robot reports.
-    of_camera, of_robot = float(np.median(np.diff(t_camera))), float(np.median(np.diff(t_robot)))
-    step = max(min(of_camera, of_robot) / 2, of_camera / 16)
     grid = np.arange(t_robot[0], t_robot[-1], step)
     q = spline.quaternions(grid)
-    first, last = (np.round((t - grid[0]) / step).astype(np.int64) for t in (t_camera[:-1], t_camera[1:]))
+    first, last = (np.round((t - grid[0]) / step).astype(np.int64) for t in (t_camera[:-over], t_camera[over:]))
     widest = int(np.ceil(largest / step))
     shifts = np.arange(-widest, widest + 1)
     scores = np.full(len(shifts), -1.0)

@@ -10,12 +10,16 @@ Seeing. A calibrated camera that stands still sees the tip at the pixel u_i:
 
     project(T_camera_base (R_i p + t_i)) = u_i
 
-from a linear start (the tip lies on every ray, (I - d d^T)(R_i p + t_i - o) = 0) by Gauss-Newton. What is uncertain of
-the camera's place shifts the tip in all views alike: with N the normal matrix and J_T the derivative by the camera,
-C = sigma^2 N^-1 + G C_T G^T, G = -N^-1 J^T J_T.
+from a linear start (the tip lies on every ray, (I - d d^T)(R_i p + t_i - o) = 0) by Gauss-Newton. The camera's place
+and lens, c, are uncertain, and shift the tip in all views alike: they are unknowns too, within their joint covariance
+C = L L^T, c = c_0 + L z,
 
-The noise is that of the residuals, sigma^2 = r^T r / (residuals - unknowns): it holds what the robot, the touch or the
-eye did wrong.
+    min |r(p, c)|^2 / sigma^2 + |z|^2.
+
+The noise is that of the residuals, sigma^2 = r^T r / nu with nu the residuals to spare (`optimize.noise`): it holds
+what the robot, the touch or the eye did wrong. Estimated from few, it makes the covariance nu / (nu - 2) times as
+large, the variance of Student's t. A pose is at odds with the others when leaving it out lowers the sum of squares more
+than chance would: for its d residuals e with covariance Q, T = e^T Q^-1 e, (T / d) (nu - d) / (nu - T) ~ F(d, nu - d).
 """
 
 from __future__ import annotations
@@ -39,7 +43,9 @@ LEAST_SIGHTS = 3
 WEAK = 1e-3
 """Smallest singular value over the largest at which a direction counts as turned about: rotations of 0.1 degrees, which
 nobody means, would multiply the touch's error by a thousand."""
-MAX_ITERATIONS = 20
+MAX_ITERATIONS = 50
+LEAST_PX = 1e-6
+"""Pixels: noise below what cameras and rounding have."""
 SETTLED = 1e-12
 """Metres: a step far below rounding of robot poses."""
 
@@ -49,7 +55,9 @@ class ToolTip:
     """The tip p (3,) in the flange frame, metres, with its covariance (3, 3).
 
     residuals (n,): what each pose is off by, in `unit` (mm for touches, px for views); sigma: their noise per axis, the
-    same unit; point (3,): what was touched, base frame, metres, None for a seen tip.
+    same unit; chances (n,): probability that noise alone puts a pose as far from what the others say; point (3,): what
+    was touched, base frame, metres, None for a seen tip; of_camera: part of the variance that is the camera's own place
+    and lens.
     """
 
     tip: Array
@@ -58,7 +66,9 @@ class ToolTip:
     sigma: float
     unit: str
     ids: tuple[str, ...]
+    chances: Array
     point: Array | None = None
+    of_camera: float = 0.0
 
     @property
     def sigma_mm(self) -> Array:
@@ -86,18 +96,30 @@ def tip_by_touch(T_base_flange: RobotPoses | ArrayLike) -> ToolTip:
     tips = np.asarray(R @ p + t)
     point = tips.mean(axis=0)
     residuals = tips - point
-    sigma = float(np.sqrt(np.sum(residuals**2) / (3 * n - 6)))
-    covariance = sigma**2 * np.linalg.inv(spread.T @ spread)
-    return ToolTip(p, covariance, 1e3 * np.linalg.norm(residuals, axis=1), 1e3 * sigma, "mm", poses.ids, point)
+    spare = 3 * n - 6
+    sigma = float(np.sqrt(np.sum(residuals**2) / spare))
+    unit = np.linalg.inv(spread.T @ spread)
+    # What a pose's own residual loses to the fit: its share of the point, and of the tip.
+    centred = spread.reshape(n, 3, 3)
+    Q = np.eye(3) * (1 - 1 / n) - centred @ unit @ np.swapaxes(centred, -1, -2)
+    chances = _chances(residuals, sigma**2 * Q, spare)
+    off = 1e3 * np.linalg.norm(residuals, axis=1)
+    return ToolTip(p, _student(spare) * sigma**2 * unit, off, 1e3 * sigma, "mm", poses.ids, chances, point)
 
 
 def tip_by_sight(
-    T_base_flange: RobotPoses | ArrayLike, uv: ArrayLike, *, camera: Camera, base_camera: TransformEstimate
+    T_base_flange: RobotPoses | ArrayLike,
+    uv: ArrayLike,
+    *,
+    camera: Camera,
+    base_camera: TransformEstimate,
+    covariance: ArrayLike | None = None,
 ) -> ToolTip:
     """The tip from poses (n, 4, 4), n >= 3, in which a camera that stands still sees it at uv (n, 2) px.
 
-    Args: base_camera, T_base_camera with its covariance, which enters the tip's. Raises: InputError for too few views,
-    shapes that do not fit, pixels without a ray; RefusedError when the views do not determine the tip.
+    Args: base_camera, T_base_camera; covariance (6 + k, 6 + k) of it and the camera's parameters together, by default
+    their own ones, as if independent. Raises: InputError for too few views, shapes that do not fit, pixels without a
+    ray; RefusedError when the views do not determine the tip.
     """
     poses = T_base_flange if isinstance(T_base_flange, RobotPoses) else RobotPoses.from_matrices(T_base_flange)
     pixels = np.asarray(uv, dtype=np.float64)
@@ -106,24 +128,72 @@ def tip_by_sight(
         raise InputError(f"{n} poses need {n} finite pixels (n, 2), got shape {pixels.shape}")
     if n < LEAST_SIGHTS:
         raise InputError(f"{n} views of the tip; at least {LEAST_SIGHTS} are needed, with the tool turned between them")
-    T_camera_base = se3.inverse(base_camera.matrix)
-    T_camera_flange = T_camera_base @ poses.T_base_gripper
-    p = _on_rays(T_camera_flange, camera, pixels)
+    root = _root(camera, base_camera, covariance)
+    T_camera_flange = se3.inverse(base_camera.matrix) @ poses.T_base_gripper
+    # The tip, then the camera's deviations z from where it was calibrated, in units of their sigma.
+    x = np.concatenate([_on_rays(T_camera_flange, camera, pixels), np.zeros(root.shape[1])])
+    prior = np.diag(np.concatenate([np.zeros(3), np.ones(root.shape[1])]))
+    r, A = _sight(poses.T_base_gripper, camera, base_camera.matrix, pixels, x, root)
+    variance = max(float(np.sum(np.linalg.lstsq(A[:, :3], r, rcond=None)[1])) / (2 * n - 3), LEAST_PX**2)
+    spare = 2.0 * n - 3
     for _ in range(MAX_ITERATIONS):
-        r, J, _ = _sight(T_camera_flange, camera, pixels, p)
-        step = np.linalg.lstsq(J, -r, rcond=None)[0]
-        p = np.asarray(p + step)
-        if np.linalg.norm(step) < SETTLED:
+        normal = A.T @ A / variance + prior
+        step = np.linalg.solve(normal, -A.T @ r / variance - prior @ x)
+        x = np.asarray(x + step)
+        r, A = _sight(poses.T_base_gripper, camera, base_camera.matrix, pixels, x, root)
+        spare = float(2 * n - np.trace(np.linalg.solve(A.T @ A / variance + prior, A.T @ A / variance)))
+        before, variance = variance, max(float(r @ r) / spare, LEAST_PX**2)
+        if np.linalg.norm(step[:3]) < SETTLED and abs(variance - before) < 1e-6 * variance:
             break
-    r, J, J_seen = _sight(T_camera_flange, camera, pixels, p)
-    N = np.linalg.inv(J.T @ J)
-    sigma = float(np.sqrt(r @ r / (2 * n - 3)))
-    covariance = np.asarray(sigma**2 * N, dtype=np.float64)
-    if base_camera.covariance is not None:
-        J_camera = J_seen @ _seen_from_camera(base_camera.matrix, T_camera_flange, p)
-        G = -N @ J.T @ J_camera.reshape(-1, 6)
-        covariance += G @ base_camera.covariance @ G.T
-    return ToolTip(p, covariance, np.linalg.norm(r.reshape(-1, 2), axis=1), sigma, "px", poses.ids)
+    C = np.linalg.inv(A.T @ A / (variance * _student(spare)) + prior)
+    parts = A.reshape(n, 2, -1)
+    Q = variance * np.eye(2) - parts @ np.linalg.inv(A.T @ A / variance + prior) @ np.swapaxes(parts, -1, -2)
+    off = r.reshape(n, 2)
+    chances = _chances(off, Q, spare) if variance > LEAST_PX**2 else np.ones(n)
+    of_noise = variance * _student(spare) * np.linalg.inv(A[:, :3].T @ A[:, :3])
+    return ToolTip(
+        x[:3], C[:3, :3], np.linalg.norm(off, axis=1), float(np.sqrt(variance)), "px", poses.ids, chances,
+        of_camera=float(max(1 - np.trace(of_noise) / np.trace(C[:3, :3]), 0.0)),
+    )  # fmt: skip
+
+
+def _student(spare: float) -> float:
+    """Variance of Student's t with that many residuals to spare; below 3 it has none, and 3 stands for it."""
+    nu = max(spare, 3.0)
+    return nu / (nu - 2)
+
+
+def _chances(residuals: Array, Q: Array, spare: float) -> Array:
+    """Probability (n,) of residuals (n, d), of covariance Q (n, d, d), as large as these by noise alone; see above."""
+    from scipy.stats import f
+
+    d = residuals.shape[1]
+    if not np.any(residuals) or spare <= d:
+        return np.ones(len(residuals))
+    # A pose that alone tells something leaves nothing of its residual in that direction: Q is singular there.
+    T = np.einsum("ni,nij,nj->n", residuals, np.linalg.pinv(Q, rcond=1e-9, hermitian=True), residuals)
+    T = np.minimum(T, spare * (1 - 1e-12))
+    return np.asarray(f.sf(T / d * (spare - d) / (spare - T), d, spare - d))
+
+
+def _root(camera: Camera, base_camera: TransformEstimate, covariance: ArrayLike | None) -> Array:
+    """L (6 + k, m) with L L^T the covariance of the camera's place and parameters, no column for what is exact."""
+    k = len(camera.values)
+    if covariance is None:
+        C = np.zeros((6 + k, 6 + k))
+        C[:6, :6] = 0.0 if base_camera.covariance is None else base_camera.covariance
+        C[6:, 6:] = 0.0 if camera.covariance is None else camera.covariance
+    else:
+        C = np.asarray(covariance, dtype=np.float64)
+        if C.shape != (6 + k, 6 + k):
+            raise InputError(f"the covariance of place and camera is ({6 + k}, {6 + k}), got {C.shape}")
+    scale = np.sqrt(np.maximum(np.diag(C), 0.0))
+    free = scale > 0
+    values, vectors = np.linalg.eigh(C[np.ix_(free, free)] / np.outer(scale[free], scale[free]))
+    keep = values > 1e-12
+    root = np.zeros((6 + k, int(keep.sum())))
+    root[free] = scale[free, None] * vectors[:, keep] * np.sqrt(values[keep])
+    return root
 
 
 def _undetermined(values: Array, directions: Array, n: int) -> str:
@@ -152,15 +222,22 @@ def _on_rays(T_camera_flange: Array, camera: Camera, uv: Array) -> Array:
     return np.asarray(np.linalg.lstsq(A, b, rcond=None)[0], dtype=np.float64)
 
 
-def _sight(T_camera_flange: Array, camera: Camera, uv: Array, p: Array) -> tuple[Array, Array, Array]:
-    """Residuals (2n,), d / d p (2n, 3), and d pixel / d point in the camera (n, 2, 3)."""
-    seen = se3.apply(T_camera_flange, p)
-    pixels, J_point, _ = camera.model.project_with_jacobians(camera.values, seen)
+def _sight(
+    T_base_flange: Array, camera: Camera, T_base_camera: Array, uv: Array, x: Array, root: Array
+) -> tuple[Array, Array]:
+    """Residuals (2n,) and their derivative (2n, 3 + m) by the tip and the camera's deviations."""
+    change = root @ x[3:]
+    place, values = se3.retract(T_base_camera, change[:6]), camera.values + change[6:]
+    T = se3.inverse(place) @ T_base_flange
+    seen = se3.apply(T, x[:3])
+    pixels, J_point, J_camera = camera.model.project_with_jacobians(values, seen)
     if not np.all(np.isfinite(pixels)):
         raise RefusedError(
             "the views contradict each other: the tip they agree on is behind the camera in some of them"
         )
-    return (pixels - uv).ravel(), (J_point @ T_camera_flange[:, :3, :3]).reshape(-1, 3), J_point
+    of_place = np.concatenate([J_point @ _seen_from_camera(place, T, x[:3]), J_camera], axis=-1)
+    A = np.concatenate([J_point @ T[:, :3, :3], of_place @ root], axis=-1)
+    return (pixels - uv).ravel(), A.reshape(-1, len(x))
 
 
 def _seen_from_camera(T_base_camera: Array, T_camera_flange: Array, p: Array) -> Array:

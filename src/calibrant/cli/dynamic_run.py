@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from calibrant.formats.poses import PoseReading
 
 PLACEMENTS = ("still", "moves")
+NO_FIT = 10.0
+"""Times their noise that the residuals may be: what is off by more are photos of another camera, pose or place."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,13 @@ class Taken:
 
     known: DynamicCalibration
     surprises: tuple[str, ...]
+
+    @property
+    def off(self) -> float:
+        """The residuals' root mean square over their noise."""
+        solution = self.known.solution
+        numbers = sum(2 * len(sight.view) for sight in self.known.sights)
+        return float("inf") if solution is None else float(np.sqrt(2 * solution.cost / max(numbers, 1)))
 
 
 def calibrate(request: Request) -> CalibrationResult:
@@ -77,7 +86,14 @@ def calibrate(request: Request) -> CalibrationResult:
         views = [near.views[i] for i in pairing.view_index]
         return take_in(wrist, external, noise, views, T, far.views, moves=request.target_stands == "moves")
 
-    chosen = best_reading(raw, attempt, lambda t: t.known.solution.cost if t.known.solution else float("inf"))
+    chosen = best_reading(
+        raw, attempt, lambda t: t.known.solution.cost if t.known.solution else float("inf"),
+        fits=lambda t: t.off < NO_FIT, what=(
+            f"the photos do not fit together: whatever way the poses are read, they are more than {NO_FIT:.0f} times "
+            "their noise apart; check that each option has the photos of its own camera, that the poses are those of "
+            "the wrist's photos, and that the target did not move (--target-stands moves)"
+        ),
+    )  # fmt: skip
     files: list[str | Path] = [request.wrist, request.camera, *request.poses, *request.arm.files]
     return _result(chosen.outcome, external, chosen.reading.description, pairing.message, files)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -88,6 +89,9 @@ def run(request: Request, outputs: session.Outputs) -> None:
     session.finish(result, outputs)
     _write_robot(calibration, robot, request)
     _write_commands(calibration, request)
+    further = [str(path) for path in (request.corrected, request.commands_out) if path is not None]
+    if further and not request.quiet and not outputs.quiet:
+        sys.stdout.write(f"Written: {', '.join(further)}\n")
 
 
 def _check(request: Request) -> None:

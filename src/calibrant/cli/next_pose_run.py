@@ -88,7 +88,7 @@ def run(request: Request) -> None:
         )  # fmt: skip
         count = request.count or (1 if request.result is not None else DEFAULT_COUNT)
         plan = plan_views(known, goal, points, pool, count)
-    _say(request, plan, chain)
+    _say(request, plan, chain, wishes.distance)
 
 
 def _knowledge(request: Request) -> tuple[Knowledge, str | None]:
@@ -132,17 +132,21 @@ def _points(request: Request, spec: str | None) -> Array:
 def _goal(request: Request, known: Knowledge, distance: tuple[float, float]) -> Goal:
     from calibrant.diagnose.next_pose import camera_goal, point_goal, volume_goal
     from calibrant.diagnose.workspace_volume import parse_volume
-    from calibrant.targets.lengths import parse_length
 
     if request.workspace is not None:
         return volume_goal(known, parse_volume(request.workspace).grid((3, 3, 2)))
     if request.wanted == "camera":
         return camera_goal(known)
-    depth = sum(distance) / 2 if request.at is None else parse_length(request.at, what="--at")
-    return point_goal(known, np.array([0.0, 0.0, depth]))
+    return point_goal(known, np.array([0.0, 0.0, _depth(request, distance)]))
 
 
-def _say(request: Request, plan: Plan, chain: ParametricChain) -> None:
+def _depth(request: Request, distance: tuple[float, float]) -> float:
+    from calibrant.targets.lengths import parse_length
+
+    return sum(distance) / 2 if request.at is None else parse_length(request.at, what="--at")
+
+
+def _say(request: Request, plan: Plan, chain: ParametricChain, distance: tuple[float, float]) -> None:
     rows = plan_rows(plan, [j.name for j in chain.joints])
     if request.out is not None:
         header = ",".join(rows[0])
@@ -152,7 +156,16 @@ def _say(request: Request, plan: Plan, chain: ParametricChain) -> None:
         before = {"sigma_mm": plan.before.sigma_mm, "radius_95_mm": plan.before.radius_mm}
         sys.stdout.write(json_format.dumps({"before": before, "poses": rows}, indent=2) + "\n")
     elif not request.quiet:
-        _print(request, plan, chain)
+        _print(request, plan, chain, _asked(request, distance))
+
+
+def _asked(request: Request, distance: tuple[float, float]) -> str:
+    """What the figures are of, in words."""
+    if request.workspace is not None:
+        return "A point of the workspace that the camera sees"
+    if request.wanted == "camera":
+        return "The camera's position"
+    return f"A point {1e3 * _depth(request, distance):.0f} mm in front of the camera"
 
 
 def plan_rows(plan: Plan, joints: list[str]) -> list[dict[str, Any]]:
@@ -168,7 +181,7 @@ def plan_rows(plan: Plan, joints: list[str]) -> list[dict[str, Any]]:
     return rows
 
 
-def _print(request: Request, plan: Plan, chain: ParametricChain) -> None:
+def _print(request: Request, plan: Plan, chain: ParametricChain, what: str) -> None:
     from rich.console import Console
     from rich.table import Table
 
@@ -183,12 +196,13 @@ def _print(request: Request, plan: Plan, chain: ParametricChain) -> None:
     for i, (q, left) in enumerate(zip(plan.chosen.q, plan.after)):
         angles = [f"{v * s:.0f}" if abs(v * s) >= 100 else f"{v * s:.1f}" for v, s in zip(q, scales)]
         table.add_row(str(i + 1), *angles, f"{_figure(left.sigma_mm)} mm", f"{_figure(left.radius_mm)} mm")
-    what = "The camera's position" if request.wanted == "camera" else "A point that the camera sees"
     now = _figure(plan.before.sigma_mm)
     console = Console()
     state = "nothing is known yet." if now == "–" else f"known to {now} mm (1σ, worst direction)."
     console.print(f"{what}: {state}")
     console.print(table)
+    if request.geometry is None:
+        console.print("Only joint limits and view are checked; say what the arm must not hit with --geometry FILE.")
     if request.out is not None:
         console.print(f"{request.out}: poses (T_base_gripper, metres) and joint values (radians, metres).")
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 
-from calibrant.errors import CalibrantError, InputError
+from calibrant.errors import CalibrantError, InputError, RefusedError
 
 if TYPE_CHECKING:
     from calibrant.cli.robot_choice import RobotChoice
@@ -47,11 +47,20 @@ class Chosen(Generic[T]):
     outcome: T
 
 
-def best_reading(raw: RawPoses, attempt: Callable[[PoseReading], T], misfit: Callable[[T], float]) -> Chosen[T]:
+def best_reading(
+    raw: RawPoses,
+    attempt: Callable[[PoseReading], T],
+    misfit: Callable[[T], float],
+    *,
+    fits: Callable[[T], bool] = lambda outcome: True,
+    what: str = "",
+) -> Chosen[T]:
     """The reading whose outcome misfits least.
 
-    Args: attempt, what to do with a reading (a CalibrantError rules it out); misfit of its outcome.
-    Raises: the best reading's own error when none works; InputError when two different readings fit equally well.
+    Args: attempt, what to do with a reading (a CalibrantError rules it out); misfit of its outcome; fits, whether an
+    outcome can be right at all, and what to say when none is.
+    Raises: the best reading's own error when none works; RefusedError when none fits; InputError when two different
+    readings fit equally well.
     """
     from calibrant.formats.poses import readings
 
@@ -68,6 +77,8 @@ def best_reading(raw: RawPoses, attempt: Callable[[PoseReading], T], misfit: Cal
         raise failure or InputError("the poses can be read in no way")
     tried.sort(key=lambda item: item[0])
     (least, best), others = tried[0], tried[1:]
+    if not fits(best.outcome):
+        raise RefusedError(what)
     for other, rival in others:
         same = np.allclose(rival.reading.T_base_gripper, best.reading.T_base_gripper, atol=1e-9)
         if not same and other < CLEARLY * least:

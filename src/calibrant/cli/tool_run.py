@@ -17,13 +17,20 @@ from calibrant.errors import InputError
 
 if TYPE_CHECKING:
     from calibrant.calibrate.tool import ToolTip
-    from calibrant.data import CalibrationResult, RobotPoses
+    from calibrant.cameras import Camera
+    from calibrant.data import CalibrationResult, Check, RobotPoses, TransformEstimate
     from calibrant.formats.poses import PoseReading
 
 Array = NDArray[np.float64]
 
-_BAD_TOUCH = 3.0
-"""Times the noise of all at which a pose is flagged: pure chance does so once in 30 poses over three axes."""
+ODD = 0.01
+"""Chance below which some pose is flagged when all are good: once in a hundred tools."""
+LEVER = 10.0
+"""Times the noise of a touch that the tip may be uncertain by: turns of some 6 degrees, where 30 leave two times it."""
+NOT_A_TIP_PX = 20.0
+"""Noise per axis of pixels that show another thing than the tip, or another session: no one clicks that badly."""
+LARGE_MM, LARGE_DEG = 2.0, 1.0
+"""A hand camera is not known well enough to grasp with when it is known worse than this."""
 
 
 def touched(poses: tuple[str, ...], form: PoseForm, arm: RobotChoice) -> CalibrationResult:
@@ -46,7 +53,7 @@ def seen(poses: tuple[str, ...], form: PoseForm, arm: RobotChoice, pixels: Path,
     from calibrant.formats.pairing import match_by_order, match_raw
 
     known = read_result(result)
-    camera, base_camera = known.camera, known.transform("base", "camera")
+    camera, base_camera, covariance = _standing(known, result)
     table = read_columns(pixels, ("u", "v"))
     names = table.names or tuple(str(i) for i in range(len(table.values)))
     raw = form.read(poses, arm)
@@ -55,10 +62,33 @@ def seen(poses: tuple[str, ...], form: PoseForm, arm: RobotChoice, pixels: Path,
 
     def attempt(reading: PoseReading) -> ToolTip:
         paired = reading.take(list(pairing.pose_index), [names[v] for v in pairing.view_index])
-        return tip_by_sight(_poses(paired), uv, camera=camera, base_camera=base_camera)
+        return tip_by_sight(_poses(paired), uv, camera=camera, base_camera=base_camera, covariance=covariance)
 
-    chosen = best_reading(raw, attempt, lambda tip: tip.sigma)
+    chosen = best_reading(raw, attempt, lambda tip: tip.sigma, fits=lambda tip: tip.sigma < NOT_A_TIP_PX, what=(
+        "no reading of the poses puts one tip where the pixels are; do poses, pixels and --result belong to one "
+        "session?"
+    ))  # fmt: skip
     return _result(chosen.outcome, chosen.reading.description, [*poses, pixels, result, *arm.files])
+
+
+def _standing(known: CalibrationResult, path: Path) -> tuple[Camera, TransformEstimate, Array | None]:
+    """The camera that stands still, T_base_camera, and the covariance of both together where the result tells it.
+
+    Raises: InputError for a result of another kind.
+    """
+    from calibrant.diagnose.error_budget import error_budget
+
+    place = next((t for t in known.transforms if (t.parent, t.child) == ("base", "camera")), None)
+    if place is None or len(known.cameras) != 1:
+        there = ", ".join(f"{t.parent} -> {t.child}" for t in known.transforms) or "no transform"
+        raise InputError(
+            f"{path}: expected the hand-eye result of a camera that stands still (base -> camera, eye-to-hand); it has "
+            f"{there}. A camera on the gripper cannot tell where a tool on that gripper is"
+        )
+    if known.kind != "hand-eye" or known.observations is None:
+        return known.camera, place, None
+    rows = np.r_[0:6, 12 : 12 + len(known.camera.values)]
+    return known.camera, place, error_budget(known).covariance[np.ix_(rows, rows)]
 
 
 def self_visible(
@@ -66,9 +96,9 @@ def self_visible(
 ) -> CalibrationResult:
     """The hand camera by self-visibility, as a result. Raises: InputError, RefusedError as the parts do."""
     from calibrant.calibrate.provenance import stamp
-    from calibrant.calibrate.self_visibility import calibrate_self_visibility
+    from calibrant.calibrate.self_visibility import calibrate_self_visibility, moved_by_camera
     from calibrant.calibrate.target_poses import target_poses
-    from calibrant.data import CalibrationResult, Check
+    from calibrant.data import CalibrationResult, Check, verdict_of
     from calibrant.formats.camera_files import read_camera
 
     if target is None:
@@ -86,18 +116,32 @@ def self_visible(
     answer = calibrate_self_visibility(
         camera, found.T_camera_target[0], table.values[:, :2], 1e-3 * table.values[:, 2:],
         sigma_px=sigma_px, covariance_target=variance * found.covariance[0],
+        target_by_camera=moved_by_camera(camera, view, found.T_camera_target[0]),
     )  # fmt: skip
     text = (
         f"the gripper's features lie {answer.misfit_mm:.3g} mm from where they should on the board; "
-        f"{answer.sigma_misfit_mm:.3g} mm is explained by the noise"
+        f"{answer.sigma_misfit_mm:.3g} mm is explained by the noise, {sigma_px:g} px a feature (--sigma-px)"
     )
-    checks = (Check("features", "ok", text, answer.misfit_mm),)
+    checks = (Check("features", "ok", text, answer.misfit_mm), _certainty(answer.gripper_camera, len(table.values)))
     return stamp(
         CalibrationResult(
-            "self-visibility", "ok", checks, cameras={"camera": camera}, transforms=(answer.gripper_camera,),
-            inputs=session.file_records([image, features, camera_file]),
+            "self-visibility", verdict_of(checks), checks, cameras={"camera": camera},
+            transforms=(answer.gripper_camera,), inputs=session.file_records([image, features, camera_file]),
         )
     )  # fmt: skip
+
+
+def _certainty(found: TransformEstimate, features: int) -> Check:
+    from calibrant.data import Check
+
+    turns, shifts = found.sigma_rotation_deg, found.sigma_translation_mm
+    deg, mm = (0.0 if s is None else float(s.max()) for s in (turns, shifts))
+    text = f"the camera is known to {mm:.2g} mm and {deg:.2g} deg in the gripper (1 sigma, worst axis)"
+    if mm < LARGE_MM and deg < LARGE_DEG:
+        return Check("certainty", "ok", text, mm)
+    more = "more features" if features > 2 else "more features than two"
+    text += f"; features farther apart, {more}, or pixels located better (--sigma-px) would lower that"
+    return Check("certainty", "warn", text, mm)
 
 
 class Columns:
@@ -145,21 +189,19 @@ def _result(tip: ToolTip, reading: str, files: Sequence[str | Path]) -> Calibrat
 
     covariance = np.zeros((6, 6))
     covariance[3:, 3:] = tip.covariance
-    worst = int(np.argmax(tip.residuals))
-    text = f"the poses agree on the tip to {tip.sigma:.3g} {tip.unit} (1 sigma per axis)"
-    # Over three (or two) axes a residual's length is larger than the sigma of one.
-    limit = _BAD_TOUCH * tip.sigma * np.sqrt(3 if tip.unit == "mm" else 2)
-    odd = tip.residuals[worst] > limit > 0 and len(tip.residuals) > 4
-    if odd:
-        text += f"; pose {tip.ids[worst]} is off by {tip.residuals[worst]:.3g} {tip.unit}: repeat it, or leave it out"
-    checks = (Check("agreement", "warn" if odd else "ok", text, tip.sigma), Check("pose-reading", "ok", reading))
+    checks = (_agreement(tip), _tip_certainty(tip), Check("pose-reading", "ok", reading))
+    odd = tip.chances < ODD / len(tip.chances)
     views = tuple(
         ViewResult(
-            name, True, 1, float(r) if tip.unit == "px" else None, None if tip.unit == "px" else f"{r:.3g} mm off"
+            name, True, 1, float(r) if tip.unit == "px" else None,
+            f"{r:.3g} {tip.unit} off, at odds with the others" if bad else None,
         )
-        for name, r in zip(tip.ids, tip.residuals)
-    )
-    options = {} if tip.point is None else {"touched_point_mm": [round(1e3 * float(c), 6) for c in tip.point]}
+        for name, r, bad in zip(tip.ids, tip.residuals, odd)
+    )  # fmt: skip
+    options: dict[str, object] = {}
+    if tip.point is not None:
+        options["touched_point_mm"] = [round(1e3 * float(c), 6) for c in tip.point]
+        options["off_mm"] = {name: round(float(r), 6) for name, r in zip(tip.ids, tip.residuals)}
     return stamp(
         CalibrationResult(
             "tool", verdict_of(checks), checks, views=views, options=options, inputs=session.file_records(files),
@@ -167,3 +209,33 @@ def _result(tip: ToolTip, reading: str, files: Sequence[str | Path]) -> Calibrat
             sigma_px=tip.sigma if tip.unit == "px" else None,
         )
     )  # fmt: skip
+
+
+def _agreement(tip: ToolTip) -> Check:
+    from calibrant.data import Check
+
+    text = f"the poses agree on the tip to {tip.sigma:.3g} {tip.unit} (1 sigma per axis)"
+    worst = int(np.argmin(tip.chances))
+    far = int(np.argmax(tip.residuals))
+    if tip.chances[worst] < ODD / len(tip.chances):
+        text += (
+            f"; {tip.ids[worst]} is off by {tip.residuals[worst]:.3g} {tip.unit}, at odds with the others: "
+            "repeat it, or leave it out"
+        )
+        return Check("agreement", "warn", text, tip.sigma)
+    return Check("agreement", "ok", f"{text}; farthest {tip.ids[far]}, {tip.residuals[far]:.3g} {tip.unit}", tip.sigma)
+
+
+def _tip_certainty(tip: ToolTip) -> Check:
+    from calibrant.data import Check
+
+    mm = float(1e3 * np.sqrt(np.linalg.eigvalsh(tip.covariance)[-1]))
+    text = f"the tip is known to {mm:.2g} mm (1 sigma, worst direction)"
+    if tip.unit == "mm" and mm > LEVER * tip.sigma > 0:
+        text += (
+            f", {mm / tip.sigma:.0f} times what the touches agree to: tilt the tool further between them, 30 degrees"
+        )
+        return Check("certainty", "warn", text, mm)
+    if tip.unit == "px":
+        text += f"; {100 * tip.of_camera:.0f} % of its variance is the camera's own place and lens"
+    return Check("certainty", "ok", text, mm)

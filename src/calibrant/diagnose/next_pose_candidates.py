@@ -157,5 +157,20 @@ def _reach(chain: KinematicChain, T_base_gripper: Array, rng: np.random.Generato
         start = middle + spread * rng.uniform(-1, 1, size=(len(rest), len(middle)))
         solution = solve_inverse(chain, T_base_gripper[rest], start, iterations=_ITERATIONS, tolerance=_TOLERANCE)
         good = solution.reached & chain.within_limits(solution.q)
-        q[rest[good]], reached[rest[good]] = solution.q[good], True
+        q[rest[good]], reached[rest[good]] = unwound(chain, solution.q[good]), True
     return q, reached
+
+
+def unwound(chain: KinematicChain, q: Array) -> Array:
+    """The same poses (n, joints) with every turning joint brought by whole turns as near to its middle as can be.
+
+    Many arms turn by 360 degrees to either side: both ends of a cable's range are one pose.
+    """
+    turning = np.array([j.kind == "revolute" for j in chain.joints])
+    middle = 0.5 * (chain.lower + chain.upper)
+    middle = np.where(np.isfinite(middle), middle, 0.0)
+    turns = np.where(turning, 2 * np.pi * np.round((q - middle) / (2 * np.pi)), 0.0)
+    nearer = q - turns
+    # Within limits of less than a turn, the joint is where it is.
+    inside = (nearer >= chain.lower) & (nearer <= chain.upper)
+    return np.where(inside, nearer, q)

@@ -73,6 +73,13 @@ def translation_figures(estimate: TransformEstimate) -> list[Figure]:
     return [Figure(n, float(t[i]), None if sigma is None else float(sigma[i]), "mm") for i, n in enumerate("xyz")]
 
 
+def is_point(estimate: TransformEstimate) -> bool:
+    """Whether only the child's place is meant, as with a tool's tip: no turn, exactly, and none that is uncertain."""
+    C = estimate.covariance
+    turned = np.any(estimate.matrix[:3, :3] != np.eye(3))
+    return bool(C is not None and not turned and not np.any(C[:3, :3]) and np.any(C[3:, 3:]))
+
+
 def quaternion_figures(estimate: TransformEstimate) -> list[Figure]:
     """Quaternion x, y, z, w (w >= 0) with sigma from q' = (1, omega/2) q, omega about the parent's axes."""
     w, x, y, z = so3.quaternion_wxyz(estimate.matrix[:3, :3])
@@ -127,16 +134,21 @@ def camera_transforms(result: CalibrationResult) -> list[TransformEstimate]:
 def noise_facts(result: CalibrationResult) -> list[Fact]:
     """Residuals, estimated noise, target scale and held-out errors, as far as the result has them."""
     facts: list[Fact] = []
+    if "offset_s" in result.options and "offset_sigma_s" in result.options:
+        ms, sigma = (1e3 * float(result.options[key]) for key in ("offset_s", "offset_sigma_s"))
+        facts.append(Fact("clock offset", f"{with_sigma(ms, sigma)} ms", "t_robot = t_camera + offset"))
     if result.rms_px is not None:
         facts.append(Fact("RMS error", f"{plain(result.rms_px, digits=3)} px", "per point, both axes"))
     if result.sigma_px is not None:
         facts.append(Fact("pixel noise, 1σ", f"{plain(result.sigma_px, digits=3)} px", "per axis, from the residuals"))
     robot = result.sigma_robot
     if robot is not None:
-        text = (
-            f"{with_sigma_or_plain(robot.mm, robot.mm_sigma)} mm, {with_sigma_or_plain(robot.deg, robot.deg_sigma)} deg"
-        )
-        facts.append(Fact("robot noise, 1σ", text, "per axis, estimated from the data"))
+        text = f"{with_sigma_or_plain(robot.mm, robot.mm_sigma)} mm"
+        # Of positions alone, as a laser tracker gives them, no turn is known.
+        if robot.deg or robot.deg_sigma:
+            text += f", {with_sigma_or_plain(robot.deg, robot.deg_sigma)} deg"
+        name = "measuring noise, 1σ" if result.kind == "kinematics" else "robot noise, 1σ"
+        facts.append(Fact(name, text, "per axis, estimated from the data"))
     if result.target_scale is not None:
         scale = result.target_scale
         facts.append(Fact("target scale", with_sigma(scale.value, scale.sigma), "real size / given size"))

@@ -23,6 +23,7 @@ from calibrant.report.figures import (
     Fact,
     camera_figures,
     camera_transforms,
+    is_point,
     listed_figures,
     method_rows,
     noise_facts,
@@ -121,7 +122,7 @@ def render_report(result: CalibrationResult, *, images: Mapping[str, Path]) -> s
 
 def headline(result: CalibrationResult) -> list[Fact]:
     """The few figures that answer "how good is it", for the top of the page."""
-    facts: list[Fact] = []
+    facts = [fact for fact in noise_facts(result) if fact.name == "clock offset"]
     if result.transforms:
         for estimate in camera_transforms(result):
             facts += _transform_facts(estimate)
@@ -151,6 +152,8 @@ def _transform_facts(estimate: TransformEstimate) -> list[Fact]:
     if t is None or turns is None:
         return []
     label = f"{estimate.parent} → {estimate.child}"
+    if is_point(estimate):
+        return [Fact(f"{label}, position", f"± {sigma_text(float(t.max()))} mm", "1σ, worst axis")]
     return [
         Fact(f"{label}, position", f"± {sigma_text(float(t.max()))} mm", "1σ, worst axis"),
         Fact(f"{label}, rotation", f"± {sigma_text(float(turns.max()))} deg", "1σ, worst axis"),
@@ -166,12 +169,10 @@ def _camera_block(name: str, camera: Camera) -> dict[str, Any]:
 
 
 def _transform_block(estimate: TransformEstimate) -> dict[str, Any]:
-    groups: list[tuple[str, list[Figure]]] = [
-        ("position", translation_figures(estimate)),
-        ("yaw, pitch, roll", yaw_pitch_roll_figures(estimate)),
-        ("quaternion", quaternion_figures(estimate)),
-    ]
-    turns = estimate.sigma_rotation_deg
+    groups: list[tuple[str, list[Figure]]] = [("position", translation_figures(estimate))]
+    turns = None if is_point(estimate) else estimate.sigma_rotation_deg
+    if not is_point(estimate):
+        groups += [("yaw, pitch, roll", yaw_pitch_roll_figures(estimate)), ("quaternion", quaternion_figures(estimate))]
     return {
         "heading": f"{estimate.parent} → {estimate.child}",
         "name": f"T_{estimate.parent}_{estimate.child}",

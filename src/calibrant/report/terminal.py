@@ -17,6 +17,7 @@ from calibrant.cameras import Camera
 from calibrant.data import DEFAULT_CAMERA, CalibrationResult, TransformEstimate
 from calibrant.report.figures import (
     Fact,
+    is_point,
     listed_figures,
     method_rows,
     noise_facts,
@@ -100,17 +101,15 @@ def _transform_table(estimate: TransformEstimate) -> RenderableType:
     table.add_column("value", justify="right", no_wrap=True)
     table.add_column("± 1σ", justify="right", no_wrap=True)
     table.add_column("unit")
-    groups: tuple[list[Figure], ...] = (
-        translation_figures(estimate),
-        yaw_pitch_roll_figures(estimate),
-        quaternion_figures(estimate),
-    )
+    groups: tuple[list[Figure], ...] = (translation_figures(estimate),)
+    if not is_point(estimate):
+        groups += (yaw_pitch_roll_figures(estimate), quaternion_figures(estimate))
     for figures in groups:
         for figure in figures:
             unit = "" if figure.unit == "1" else figure.unit
             table.add_row(figure.name, figure.value_text, figure.sigma_text(), unit)
     turns = estimate.sigma_rotation_deg
-    if turns is None:
+    if turns is None or is_point(estimate):
         return _headed(heading, table)
     about = ", ".join(sigma_text(float(s)) for s in turns)
     return _headed(heading, table, Text(f"rotation 1σ about {estimate.parent} x, y, z: {about} deg", style="dim"))
@@ -175,7 +174,7 @@ def _worth_a_look(rows: list[ViewRow], loop: Mapping[tuple[str, str], LoopView])
         step = loop.get((row.camera, row.id))
         return row.rms_px if row.rms_px is not None else step.mm if step is not None and step.mm is not None else 0.0
 
-    worst = sorted((row for row in rows if row.used), key=badness, reverse=True)[:_WORST_SHOWN]
+    worst = sorted((row for row in rows if row.used and badness(row) > 0), key=badness, reverse=True)[:_WORST_SHOWN]
     return [row for row in rows if row.reason or row in worst]
 
 

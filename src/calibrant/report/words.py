@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from calibrant.data import CalibrationResult, Check, TransformEstimate, ViewResult
 from calibrant.diagnose.residuals import camera_of
-from calibrant.report.figures import camera_figures, camera_transforms, translation_figures
+from calibrant.report.figures import camera_figures, camera_transforms, is_point, translation_figures
 from calibrant.report.numbers import plain, sigma_text
 
 STATUS_WORDS = {"ok": "ok", "warn": "warning", "fail": "FAILED"}
@@ -84,7 +84,11 @@ def verdict_sentence(result: CalibrationResult) -> str:
 def _accuracy(result: CalibrationResult) -> str:
     if result.kind == "vanishing" and result.transforms and result.transforms[0].sigma_rotation_deg is not None:
         return f"The rotation is known to {sigma_text(float(result.transforms[0].sigma_rotation_deg.max()))} deg (1σ)."
-    if result.kind in ("hand-eye", "pose") and result.transforms:
+    if result.kind == "time-offset" and "offset_sigma_s" in result.options:
+        return f"The offset is known to {sigma_text(1e3 * float(result.options['offset_sigma_s']))} ms (1σ)."
+    if result.kind == "kinematics" and result.held_out is not None and result.held_out.mm is not None:
+        return f"Poses kept out of the fit are met to {plain(result.held_out.mm, digits=2)} mm rms."
+    if result.kind in ("hand-eye", "pose", "tool", "dynamic", "self-visibility") and result.transforms:
         known = [text for text in map(_known_to, camera_transforms(result)) if text]
         if known:
             return f"{', '.join(known)} (1σ, worst axis)."
@@ -103,6 +107,8 @@ def _known_to(estimate: TransformEstimate) -> str:
     turns = estimate.sigma_rotation_deg
     if not known or turns is None:
         return ""
+    if is_point(estimate):
+        return f"{estimate.parent} → {estimate.child} is known to {sigma_text(max(known))} mm"
     return (
         f"{estimate.parent} → {estimate.child} is known to {sigma_text(max(known))} mm and "
         f"{sigma_text(float(turns.max()))} deg"

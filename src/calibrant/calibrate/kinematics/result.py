@@ -101,8 +101,7 @@ def _transforms(calibration: KinematicCalibration) -> tuple[TransformEstimate, .
     if calibration.base_free:
         out.append(TransformEstimate("world", "base", model.T_world_base, C[:6, :6]))
     if calibration.tool_free:
-        known = calibration.measurements.rotations is not None
-        out.append(TransformEstimate("flange", "tool", model.T_flange_tool, C[-6:, -6:] if known else None))
+        out.append(TransformEstimate("flange", "tool", model.T_flange_tool, C[-6:, -6:]))
     return tuple(out)
 
 

@@ -357,8 +357,8 @@ def run(row: Row, trials: int) -> str:
     inside = np.mean(squares < chi2.ppf(0.95, n))
     deviation = squares.std() / n / np.sqrt(len(squares))
     return (
-        f"{row.name:56s} {len(found):6d} {refused:8d}  {rms:7.3f} {row.unit}  {squares.mean() / n:6.2f} ± {deviation:.2f}"
-        f"  {100 * inside:5.1f} %  ({time.perf_counter() - start:.0f} s)"
+        f"{row.name:56s} {len(found):6d} {refused:8d}  {rms:7.3f} {row.unit}"
+        f"  {squares.mean() / n:6.2f} ± {deviation:.2f}  {100 * inside:5.1f} %  ({time.perf_counter() - start:.0f} s)"
     )
 
 

@@ -45,6 +45,20 @@ def test_touch(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "at least 4" in capsys.readouterr().err
 
 
+def test_a_slipped_touch_is_named_and_little_tilt_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rng = np.random.default_rng(3)
+    for tilt, slip, message in ((0.5, 0.003, "2.png is off by"), (0.02, 0.0, "tilt the tool further")):
+        R = DOWN @ so3.exp(tilt * rng.uniform(-1, 1, (8, 3)))
+        T = se3.make(R, np.array([0.5, 0.1, 0.05]) - R @ TIP)
+        T[:, :3, 3] += 1e-4 * rng.standard_normal((8, 3))
+        T[2, 0, 3] += slip
+        assert run(["tool", "touch", "--poses", str(poses_file(T, tmp_path / f"{tilt}.csv"))]) == 0
+        text = " ".join(capsys.readouterr().out.split())
+        assert message in text
+        assert "USE WITH CARE" in text
+        assert "yaw" not in text
+
+
 def test_touches_in_millimetres_and_euler_angles_are_understood(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     R = DOWN @ so3.exp(0.5 * rng.uniform(-1, 1, (8, 3)))
@@ -78,6 +92,13 @@ def test_seen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run([*given, "--pixels", str(pixels), "--json"]) == 0
     found = np.array(json.loads(capsys.readouterr().out)["transforms"][0]["matrix"])[:3, 3]
     np.testing.assert_allclose(found, TIP, atol=2e-3)
+    elsewhere = uv[::-1] @ [[0.0, 1.0], [1.0, 0.0]]
+    pixels.write_text("image,u,v\n" + "\n".join(f"{i}.png,{u:.2f},{v:.2f}" for i, (u, v) in enumerate(elsewhere)))
+    assert run([*given, "--pixels", str(pixels)]) == 1
+    assert "belong to one session?" in capsys.readouterr().err
+    alone = CalibrationResult("intrinsics", "ok", cameras={"camera": camera}).write(tmp_path / "camera.json")
+    assert run([*given[:-1], str(alone), "--pixels", str(pixels)]) == 2
+    assert "expected the hand-eye result of a camera that stands still" in capsys.readouterr().err
     pixels.write_text("image,x,y\n0.png,1,2\n")
     assert run([*given, "--pixels", str(pixels)]) == 2
     assert "no column 'u'" in capsys.readouterr().err

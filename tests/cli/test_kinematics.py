@@ -30,6 +30,8 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, SimulatedAr
     for name, q, p in zip(data.ids, data.joints, data.positions):
         lines.append(",".join([name, *(f"{v:.9f}" for v in (*q, *(1e3 * p)))]))
     (folder / "tracker.csv").write_text("\n".join(lines) + "\n")
+    circle = new_urdf(arm("ur5e")).replace('<parent link="base_link" />', '<parent link="link_3" />')
+    (folder / "circle.urdf").write_text(circle)
     (folder / "targets.csv").write_text("q1,q2,q3,q4,q5,q6\n0.1,-1.2,1.1,-1.0,1.3,0.2\n-0.6,-1.0,1.4,-1.5,1.2,0.9\n")
     return folder, simulated
 
@@ -50,6 +52,8 @@ def test_a_worn_arm_is_corrected(session: tuple[Path, SimulatedArm], capsys: pyt
     printed = capsys.readouterr()
     assert status == 0, printed.err
     assert "elbow offset" in printed.out
+    assert f"{out['corrected.urdf']}" in "".join(printed.out.split())
+    assert "0 deg  per axis" not in printed.out
     result = json.loads(out["result.json"].read_text())
     assert result["kind"] == "kinematics"
     assert result["held_out"]["mm"] < 0.2
@@ -87,6 +91,8 @@ def test_a_positioner_needs_no_robot_file(
         (["--robot", "arm.urdf", "--payload", "5"], 2, "--payload takes a mass with its unit"),
         (["--robot", "arm.urdf", "--commands", "targets.csv"], 2, "--commands and --commands-out belong together"),
         (["--robot", "arm.urdf", "--corrected", "arm.urdf", "--force"], 2, "is an input of this command"),
+        (["--robot", "circle.urdf"], 2, "in a circle"),
+        (["--robot", "circle.urdf", "--robot-base", "link_4", "--robot-link", "link_2"], 2, "in a circle"),
         (["--robot", "none.urdf"], 2, "no robot file none.urdf"),
         ([], 1, "positions alone do not start a robot"),
     ],

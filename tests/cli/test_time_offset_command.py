@@ -47,7 +47,10 @@ def test_the_offset_comes_out(folder: Path, capsys: pytest.CaptureFixture[str]) 
     assert abs(options["offset_s"] - 0.08) < 4 * options["offset_sigma_s"]
     assert options["offset_sigma_s"] < 1e-3
     assert run(["time-offset", *given]) == 0
-    assert "t_robot = t_camera + " in capsys.readouterr().out
+    text = " ".join(capsys.readouterr().out.split())
+    assert "t_robot = t_camera + " in text
+    assert "the camera's clock is behind the robot's; add" in text
+    assert "GOOD. The offset is known to" in text
 
 
 @pytest.mark.parametrize(
@@ -56,6 +59,11 @@ def test_the_offset_comes_out(folder: Path, capsys: pytest.CaptureFixture[str]) 
         (["--poses", "robot.csv", "--target-poses", "plain.csv"], 2, "no times; expected a column 'timestamp'"),
         (["--poses", "robot.csv", "--target-poses", "camera.csv", "--largest", "2"], 2, "takes a time with its unit"),
         (["--poses", "robot.csv", "--target-poses", "camera.csv", "--largest", "20ms"], 1, "search wider"),
+        (
+            ["--poses", "robot.csv", "--target-poses", "camera.csv", "--setup", "eye-to-hand"],
+            1,
+            "is the camera mounted otherwise (--setup eye-in-hand)",
+        ),
         (["--poses", "robot.csv", "--target-poses", "camera.csv", "--setup", "eye"], 2, "unknown setup 'eye'"),
     ],
 )

@@ -24,7 +24,7 @@ from calibrant.diagnose.next_pose import (
     point_goal,
     volume_goal,
 )
-from calibrant.diagnose.next_pose_candidates import Candidates, Wishes, candidates, in_view
+from calibrant.diagnose.next_pose_candidates import Candidates, Wishes, candidates, in_view, unwound
 from calibrant.diagnose.next_pose_geometry import Box, Geometry, Sphere, read_geometry
 from calibrant.errors import InputError, RefusedError
 from calibrant.robots.arms import arm
@@ -234,3 +234,11 @@ def test_unreadable_geometry_is_refused_by_name(tmp_path: Path, text: str, messa
     file.write_text(text)
     with pytest.raises(InputError, match=message):
         read_geometry(file)
+
+
+def test_joints_are_unwound_to_the_middle_of_their_range() -> None:
+    chain = arm("ur5e")
+    q = np.deg2rad([[-210.0, 334.0, -341.0, -56.8, 200.0, 170.0]])
+    near = unwound(chain, q)
+    np.testing.assert_allclose(np.rad2deg(near), [[150.0, -26.0, 19.0, -56.8, -160.0, 170.0]], atol=1e-9)
+    np.testing.assert_allclose(chain.forward(near), chain.forward(q), atol=1e-12)

@@ -224,10 +224,10 @@ def _covariance(factors: tuple[_LoopFactor, ...], estimate: NoiseEstimate, lags:
     values = [solution.value(name) for name in ("X", "Z", "offset")]
     J_parts, r_parts = [], []
     for factor in factors:
-        r, J = factor.linearize(*(np.repeat(v, len(factor.t), axis=0) for v in values))
+        off, by_variable = factor.linearize(*(np.repeat(v, len(factor.t), axis=0) for v in values))
         sigma = estimate.levels[factor.noise].sigma
-        r_parts.append(r / sigma)
-        J_parts.append(np.concatenate(J, axis=2) / sigma)
+        r_parts.append(off / sigma)
+        J_parts.append(np.concatenate(by_variable, axis=2) / sigma)
     J, r = np.concatenate(J_parts, axis=1), np.concatenate(r_parts, axis=1)
     n, p = len(J), J.shape[2]
     scale = 1 / np.sqrt(np.einsum("nij,nij->j", J, J))  # radians, metres and seconds: scaled, no digits are lost

@@ -133,7 +133,7 @@ def shifts_by_speed(
         turned = 4 * np.arcsin(np.minimum(chord / 2, 1.0)) / ((last - first)[inside] * step)
         if turned.std() > 1e-9 and speed[inside].std() > 1e-9:
             scores[k] = np.corrcoef(turned, speed[inside])[0, 1]
-    times = shifts * float(step)
+    times = np.asarray(shifts * float(step), dtype=np.float64)
     _require_peak(scores, times, largest, _turning(spline, t_robot))
     return [(float(times[k]), float(scores[k])) for k in _peaks(scores)]
 
@@ -168,7 +168,8 @@ def _require_peak(scores: Array, shifts: Array, largest: float, turning: Array) 
 
 def _peaks(scores: Array) -> list[int]:
     """The highest peaks, those nearly as high as the best, with their slopes taken away one after the other."""
-    left, found = scores.copy(), []
+    left = scores.copy()
+    found: list[int] = []
     height = float(scores.max())
     while len(found) < MOST_PEAKS:
         k = int(np.argmax(left))

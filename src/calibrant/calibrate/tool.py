@@ -98,13 +98,14 @@ def tip_by_touch(T_base_flange: RobotPoses | ArrayLike) -> ToolTip:
     residuals = tips - point
     spare = 3 * n - 6
     sigma = float(np.sqrt(np.sum(residuals**2) / spare))
-    unit = np.linalg.inv(spread.T @ spread)
+    unit: Array = np.linalg.inv(spread.T @ spread).astype(np.float64)
     # What a pose's own residual loses to the fit: its share of the point, and of the tip.
     centred = spread.reshape(n, 3, 3)
     Q = np.eye(3) * (1 - 1 / n) - centred @ unit @ np.swapaxes(centred, -1, -2)
     chances = _chances(residuals, sigma**2 * Q, spare)
-    off = 1e3 * np.linalg.norm(residuals, axis=1)
-    return ToolTip(p, _student(spare) * sigma**2 * unit, off, 1e3 * sigma, "mm", poses.ids, chances, point)
+    off = np.asarray(1e3 * np.linalg.norm(residuals, axis=1), dtype=np.float64)
+    covariance = np.asarray(_student(spare) * sigma**2 * unit, dtype=np.float64)
+    return ToolTip(p, covariance, off, 1e3 * sigma, "mm", poses.ids, chances, point)
 
 
 def tip_by_sight(

@@ -94,7 +94,7 @@ def tip_by_touch(T_base_flange: RobotPoses | ArrayLike) -> ToolTip:
         raise RefusedError(_undetermined(values, directions, n))
     p: Array = np.linalg.lstsq(spread, -(t - t.mean(axis=0)).ravel(), rcond=None)[0].astype(np.float64)
     tips = np.asarray(R @ p + t)
-    point = tips.mean(axis=0)
+    point: Array = np.mean(tips, axis=0, dtype=np.float64)
     residuals = tips - point
     spare = 3 * n - 6
     sigma = float(np.sqrt(np.sum(residuals**2) / spare))
@@ -104,7 +104,7 @@ def tip_by_touch(T_base_flange: RobotPoses | ArrayLike) -> ToolTip:
     Q = np.eye(3) * (1 - 1 / n) - centred @ unit @ np.swapaxes(centred, -1, -2)
     chances = _chances(residuals, sigma**2 * Q, spare)
     off = np.asarray(1e3 * np.linalg.norm(residuals, axis=1), dtype=np.float64)
-    covariance = np.asarray(_student(spare) * sigma**2 * unit, dtype=np.float64)
+    covariance: Array = (_student(spare) * sigma**2 * unit).astype(np.float64)
     return ToolTip(p, covariance, off, 1e3 * sigma, "mm", poses.ids, chances, point)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibrant.calibrate.outliers import MINIMUM_LIMIT_SIGMAS, mark
+from calibrant.calibrate.outliers import MINIMUM_LIMIT_SIGMAS, mark, median
 
 
 def norms(n: int, sigma: float, seed: int = 0) -> np.ndarray:
@@ -48,3 +48,9 @@ def test_rounding_is_no_outlier() -> None:
     r = np.full(50, 1e-13)
     r[7] = 1e-9
     assert mark(r, np.array([0, 50])).keep.all()
+
+
+def test_the_median_is_numpys() -> None:
+    for n in (1, 2, 7, 1000):
+        values = np.random.default_rng(n).normal(size=n)
+        assert median(values) == np.median(values)

@@ -24,7 +24,7 @@ from calibrant.calibrate.intrinsics_fit import MINIMUM_POINTS as MINIMUM_POINTS
 from calibrant.calibrate.intrinsics_fit import Fit, Start, fit_and_clean, refine
 from calibrant.calibrate.linearity import better_of_two, linearity_check
 from calibrant.calibrate.model_checks import model_check, refuse_wide_lens
-from calibrant.calibrate.outliers import Marked, points_reason, view_reason
+from calibrant.calibrate.outliers import Marked, median, points_reason, view_reason
 from calibrant.calibrate.planar_start import PlaneViews
 from calibrant.calibrate.provenance import refuse_if_failed, stamp
 from calibrant.calibrate.reprojection import StackedViews, stack
@@ -319,7 +319,7 @@ def _view_results(
 ) -> tuple[ViewResult, ...]:
     counts = np.diff(fit.stacked.offsets)
     rms = np.sqrt(np.add.reduceat(squares, fit.stacked.offsets[:-1]) / counts)
-    typical, sizes, each = float(np.median(rms)), counts.tolist(), rms.tolist()
+    typical, sizes, each = median(rms), counts.tolist(), rms.tolist()
     T = fit.solution.value("T_camera_target") if fit.T_camera_target is None else fit.T_camera_target
     place = {v.id: i for i, v in enumerate(fit.views)}
     out = []

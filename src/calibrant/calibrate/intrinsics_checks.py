@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import statistics
 from collections.abc import Sequence
 
 import numpy as np
@@ -107,7 +108,8 @@ def _focal_uncertainty(camera: Camera) -> float:
     differences along x and y: two points each, however many parameters.
     """
     if camera.model.projection == "perspective" or camera.covariance is None:
-        return max(camera.sigma[n] / camera.parameters[n] for n in ("fx", "fy"))
+        sigma, values = camera.sigma, camera.parameters
+        return max(sigma[n] / values[n] for n in ("fx", "fy"))
     step = 1e-5  # the error of the difference is h^2 = 1e-10 and eps / h = 2e-11, relative
     points = np.array([[step, 0, 1], [-step, 0, 1], [0, step, 1], [0, -step, 1]])
     J = camera.model.project_with_jacobians(camera.values, points)[2]
@@ -131,9 +133,8 @@ def _outliers(views: Sequence[ViewResult], marked: Marked) -> Check:
 
 
 def _agreement(views: Sequence[ViewResult]) -> Check:
-    rms = np.array([v.rms_px for v in views if v.used and v.rms_px is not None])
-    typical = float(np.median(rms))
-    worst = max((v for v in views if v.used and v.rms_px is not None), key=lambda v: v.rms_px or 0.0)
-    ratio = float(rms.max() / typical) if typical > 1e-9 else 1.0
-    text = f"the worst view, {worst.id}, has {rms.max():.2g} px rms; the typical one {typical:.2g} px"
+    rms = {v.id: v.rms_px for v in views if v.used and v.rms_px is not None}
+    typical, worst = statistics.median(rms.values()), max(rms, key=rms.__getitem__)
+    ratio = rms[worst] / typical if typical > 1e-9 else 1.0
+    text = f"the worst view, {worst}, has {rms[worst]:.2g} px rms; the typical one {typical:.2g} px"
     return Check("view-agreement", "warn" if ratio > VIEW_WARN_RATIO else "ok", text, ratio)

@@ -72,12 +72,11 @@ def bending(camera: Camera, views: StackedViews, T_camera_target: Array, sigma_p
     sigma = np.sqrt(np.diag(camera.covariance))
     moving = np.flatnonzero(sigma > 0)
     e = QUANTILE * camera.covariance[moving] / sigma[moving, None]
-    middle, *ends = _pixels(kind, [camera.values, *(camera.values + e), *(camera.values - e)], p)
+    uv = _pixels(kind, [camera.values, *(camera.values + e), *(camera.values - e)], p)
     share = np.sqrt(len(views.uv) / len(chosen)) / views.sigma[chosen]
-    for k, above, below in zip(moving, ends[: len(moving)], ends[len(moving) :]):
-        missed = (above + below - 2 * middle) * share
-        size = np.sqrt(np.vdot(missed, missed)) / (2 * sigma_px)
-        gamma[k] = size if np.isfinite(size) else np.inf
+    missed = (uv[1 : 1 + len(moving)] + uv[1 + len(moving) :] - 2 * uv[0]) * share
+    size = np.sqrt(np.einsum("kan,kan->k", missed, missed)) / (2 * sigma_px)
+    gamma[moving] = np.where(np.isfinite(size), size, np.inf)
     return gamma
 
 

@@ -27,7 +27,7 @@ from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Check, Observations, ViewResult, as_transform, verdict_of
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3
-from calibrant.optimize import SE3, NoiseEstimate, Problem, Variable, estimate_noise, uncertainty
+from calibrant.optimize import SE3, NoiseEstimate, Problem, SolverOptions, Variable, estimate_noise, uncertainty
 
 Array = NDArray[np.float64]
 
@@ -35,6 +35,9 @@ FEW_SHARED_MOMENTS = 5
 """Pairs with fewer common moments rest on single pictures: one blurred board bends the rig."""
 SIGMA_FLOOR_PX = 1e-4
 """No detector comes within a hundred times of this; below it data are exact."""
+
+NEARLY_UNDAMPED = SolverOptions(initial_damping=1e-8)
+"""Each camera's own calibration starts the joint one a step from its optimum, where damping only costs further steps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +101,7 @@ def fit_rig(
         _problem(alone, start, chosen, fix),
         sigmas={_group(n): max(k.result.sigma_px or 0.0, SIGMA_FLOOR_PX) for n, k in alone.items()},
         floors={_group(n): SIGMA_FLOOR_PX for n in names},
+        options=NEARLY_UNDAMPED,
     )
     return RigFit(chosen, alone, start, estimate)
 

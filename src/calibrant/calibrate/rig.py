@@ -37,7 +37,7 @@ SIGMA_FLOOR_PX = 1e-4
 """No detector comes within a hundred times of this; below it data are exact."""
 
 NEARLY_UNDAMPED = SolverOptions(initial_damping=1e-8)
-"""Each camera's own calibration starts the joint one a step from its optimum, where damping only costs further steps."""
+"""Each camera's own calibration starts the joint one a step from its optimum: damping only costs further steps."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -146,7 +146,7 @@ def tip_by_sight(
         before, variance = variance, max(float(r @ r) / spare, LEAST_PX**2)
         if np.linalg.norm(step[:3]) < SETTLED and abs(variance - before) < 1e-6 * variance:
             break
-    C = np.linalg.inv(A.T @ A / (variance * _student(spare)) + prior)
+    C = np.asarray(np.linalg.inv(A.T @ A / (variance * _student(spare)) + prior), dtype=np.float64)
     parts = A.reshape(n, 2, -1)
     Q = variance * np.eye(2) - parts @ np.linalg.inv(A.T @ A / variance + prior) @ np.swapaxes(parts, -1, -2)
     off = r.reshape(n, 2)

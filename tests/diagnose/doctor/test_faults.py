@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from calibrant.cameras import Camera
-from calibrant.diagnose.doctor import Case, Examination, examine
+from calibrant.diagnose.doctor import Case, Examination, examine, exchanged
 from calibrant.diagnose.doctor.case import stand_apart
 from calibrant.geometry import se3, so3
 from calibrant.simulate.noise import flipped_board
@@ -206,6 +206,15 @@ def test_exchanged_files(pairs: CaseOf, setup: str) -> None:
     assert names(found) == ["poses-exchanged"]
     # Poses are freed of rounding where they are read.
     np.testing.assert_allclose(found.repaired.data.T_base_gripper, T, atol=1e-12)
+
+
+@pytest.mark.parametrize(("far_off", "doubted"), [(5, False), (12, True)])
+def test_some_targets_at_the_edge_of_a_wide_lens_are_a_cameras(pairs: CaseOf, far_off: int, doubted: bool) -> None:
+    in_front = hand_eye_scene("good").measured_T_camera_target
+    given = in_front.copy()
+    given[:far_off, :3, 3] = [0.4, 0.0, 0.3]  # 53 degrees off the axis: the corner of a lens of 90 degrees
+    found = exchanged.examine(pairs(T=in_front, B=given))
+    assert [f.name for f in found] == ["poses-exchanged"] * doubted
 
 
 def test_stale_intrinsics(views: CaseOf) -> None:

@@ -105,10 +105,10 @@ class Case:
     def condemned(self) -> NDArray[np.bool_]:
         """(m,) of the poses used: those that agree with the others by no source of noise, at any size of the target.
 
-        How certain each target pose is, only its image tells: without it they must stand apart from all the others.
+        And besides they stand apart from all the others: no two views have noise of quite the same size.
         """
         out = self.robust.outlier if self.size is None else self.robust.outlier & ~self.size.used
-        return out if self.data.views is not None else stand_apart(out, self.robust.fit.statistic)
+        return stand_apart(out, self.robust.fit.statistic)
 
     @cached_property
     def loop(self) -> Loop:
@@ -226,9 +226,9 @@ def _beyond(fit: LoopNoise) -> NDArray[np.bool_]:
 def stand_apart(suspects: NDArray[np.bool_], statistic: Array) -> NDArray[np.bool_]:
     """The suspects (n,) that are farther off than a heavy tail puts them, by squared deviations (n,).
 
-    A board seen from the front has a pose many times less certain than a tilted one: without the images the noise is of
-    one size in no two views, and far views are its tail. Of a tail P(s > x) ~ x^-a the j-th largest exceeds the next r
-    times with the chance r^(-a j) (Renyi, "On the theory of order statistics", 1953).
+    A board seen from the front has a pose many times less certain than a tilted one, blur and a bent board spoil some
+    views more than others: their noise is not of one size, and far views are its tail. Of a tail P(s > x) ~ x^-a the
+    j-th largest exceeds the next r times with the chance r^(-a j) (Renyi, "On the theory of order statistics", 1953).
     """
     order = np.argsort(-statistic, kind="stable")
     leading = int(np.cumprod(suspects[order]).sum())  # suspects that only suspects exceed

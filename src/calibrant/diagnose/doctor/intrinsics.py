@@ -1,7 +1,7 @@
 """Stale intrinsics: the camera that was given against the one that the same images give.
 
 With the camera held and with it free, the residuals of the same views: F test on the squares. A wrong camera may hide
-in the poses of the views, which take up most of a wrong focal length; the robot, which they must agree with, then tells.
+in the poses of the views, which take up most of a wrong focal length; the robot, which they must agree with, tells.
 """
 
 from __future__ import annotations
@@ -24,6 +24,9 @@ LEAST_VIEWS = 5
 MATTERS = 1.2
 """Residuals a fifth larger than they need be: less is what a board that is not flat or a simpler model cost, unless the
 robot agrees better with the camera found."""
+
+BETTER = 1.5
+"""By how much the robot must agree better: any camera is off by some of its sigmas when it is used again."""
 
 
 def examine(case: Case) -> list[Finding]:
@@ -76,8 +79,9 @@ def _compared(case: Case, views: list[View], given: Camera, fresh: Camera) -> li
 
 def _robot_prefers(repaired: Case, case: Case) -> bool:
     """True when with the camera found the loop is narrower, or the target has the size given and had not before."""
-    p = ratio_test(case.typical, repaired.typical, 3 * len(case.index) - 6)
-    return p <= CONVINCING or (bool(size.examine(case)) and not size.examine(repaired))
+    before, after = case.typical, repaired.typical
+    narrower = before > BETTER**2 * after and ratio_test(before, after, 3 * len(case.index) - 6) <= CONVINCING
+    return narrower or (bool(size.examine(case)) and not size.examine(repaired))
 
 
 def _with_camera(case: Case, camera: Camera) -> Case:

@@ -217,6 +217,7 @@ def _with_target_poses(request: Request, raw: RawPoses) -> PairedData:
             "robot poses alone do not say where the camera is: give photos (--images with --target), or measured "
             "poses of the target (--target-poses)"
         )
+    session.load_pose_solver(quiet=request.quiet)
     names, pose_index, target_index, pairing = _pair(raw, target, request.exclude)
     complete = tuple(r.take(pose_index, names) for r in readings(raw))
     of_target = [r.take(target_index, names) for r in readings(target, direction="base-gripper")]

@@ -104,13 +104,24 @@ def status(text: str, *, quiet: bool) -> Iterator[None]:
         yield
 
 
+_LOADING = "Loading the solver (the first run compiles it, which takes up to a minute) …"
+
+
 def load_solver(*, quiet: bool) -> None:
     """Load the kernels for photos; the first run on a machine compiles them, which a person should know."""
-    with status("Loading the solver (the first run compiles it, which takes up to a minute) …", quiet=quiet):
+    with status(_LOADING, quiet=quiet):
         from calibrant.calibrate import planar_kernels, reprojection_kernels
         from calibrant.optimize import linear_kernels
 
         _ = (planar_kernels, reprojection_kernels, linear_kernels)
+
+
+def load_pose_solver(*, quiet: bool) -> None:
+    """Load the kernels for poses alone, which are far fewer than those for photos."""
+    with status(_LOADING, quiet=quiet):
+        from calibrant.optimize import linear_kernels, pose_kernels
+
+        _ = (linear_kernels, pose_kernels)
 
 
 def file_records(files: Iterable[str | Path]) -> tuple[dict[str, str], ...]:

@@ -86,7 +86,7 @@ class RawPoses:
 
 
 def _finite(rows: Array) -> NDArray[np.bool_]:
-    return np.isfinite(rows.reshape(len(rows), -1)).all(axis=1)
+    return np.asarray(np.isfinite(rows.reshape(len(rows), -1)).all(axis=1))
 
 
 def _refuse_repeated(names: tuple[str, ...] | None, places: tuple[str, ...]) -> None:

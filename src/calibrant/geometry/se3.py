@@ -98,7 +98,7 @@ def mean(T: ArrayLike, *, weights: ArrayLike | None = None) -> Array:
 
 def _sound(T: Array, tolerance: float) -> NDArray[np.bool_]:
     """Which of T (n, 4, 4) are rigid transforms, as `check` asks for."""
-    finite = np.isfinite(T).all(axis=(1, 2))
+    finite = np.asarray(np.isfinite(T).all(axis=(1, 2)))
     R = np.where(finite[:, None, None], T[:, :3, :3], np.eye(3))
     last = np.abs(np.where(finite[:, None], T[:, 3], [0, 0, 0, 1]) - [0, 0, 0, 1]).max(axis=1) <= 1e-9
     off = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2))

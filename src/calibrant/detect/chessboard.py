@@ -20,7 +20,7 @@ from calibrant.detect.chessboard_corners import MOST_CANDIDATES, find_corners
 from calibrant.detect.chessboard_grid import Grid, grow_grids, turned
 from calibrant.detect.chessboard_links import neighbours
 from calibrant.detect.chessboard_partial import Placed, place
-from calibrant.detect.chessboard_snap import predict
+from calibrant.detect.chessboard_snap import steps_at
 from calibrant.detect.detection import Detection, Grey
 from calibrant.detect.refinement import DEFAULT, Refinement, refine
 from calibrant.detect.saddle import Refined
@@ -173,24 +173,21 @@ def _part(grey: Grey, seen: list[_Found], target: Chessboard, how: Refinement) -
 
 def _refined(grey: Grey, grid: Grid, factor: int, how: Refinement) -> Refined:
     xy = np.ascontiguousarray(grid.xy)
-    at = np.argwhere(grid.known)
-    steps = np.empty((len(at), 6))
-    for k, (row, column) in enumerate(at):
-        predict(xy, row, column, steps[k])
+    at, steps = np.argwhere(grid.known), steps_at(xy, np.ascontiguousarray(grid.known))
     dark = grid.dark ^ (at.sum(axis=1) % 2 == 1)
     grey, start = np.ascontiguousarray(grey), grid.xy[grid.known]
     # A coarse scale knows a corner to about half of its pixels, and is what is left of a blurred picture.
     radius, blur = max(WINDOW_PX, 3.0 * factor), max(1.0, 0.5 * factor)
-    refined = refine(grey, start, steps[:, 2:], dark, radius_px=radius, blur_px=blur)
+    refined = refine(grey, start, steps, dark, radius_px=radius, blur_px=blur)
     blur = float(np.median(refined.blur_px))
     if WINDOWS_OF_BLUR * blur > radius:
         radius = WINDOWS_OF_BLUR * blur
-        refined = refine(grey, start, steps[:, 2:], dark, radius_px=radius, blur_px=blur)
+        refined = refine(grey, start, steps, dark, radius_px=radius, blur_px=blur)
     if how == DEFAULT:
         return refined
     # From where the first fit put them: other methods have no model of blur to find their way with.
     start = np.where(refined.converged[:, None], refined.uv, start)
-    other = refine(grey, start, steps[:, 2:], dark, how=how, radius_px=radius, blur_px=blur)
+    other = refine(grey, start, steps, dark, how=how, radius_px=radius, blur_px=blur)
     return replace(refined, uv=other.uv, sigma_px=other.sigma_px, converged=refined.converged & other.converged)
 
 

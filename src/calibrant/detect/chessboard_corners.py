@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -59,7 +58,10 @@ class Corners:
 
 def find_corners(level: NDArray[np.uint8], *, most: int = MOST_CANDIDATES) -> Corners:
     """Candidates in a grey image (h, w); only the `most` pronounced saddles are looked at from all sides."""
-    smooth = _smooth(level)
+    if min(level.shape) <= 2 * MARGIN_PX:
+        none = np.empty((0, 2))
+        return Corners(level.astype(np.float32), none, none, np.empty(0), none)
+    smooth = _smooth(np.ascontiguousarray(level))
     # A corner of half-contrast c blurred by s has I_xy = (2 / pi) c / s^2 at its centre; here s is the smoothing with
     # as much blur again in the picture (variances add).
     blur_variance = 2 * SMOOTHING_PX**2 + 0.5
@@ -75,63 +77,101 @@ def find_corners(level: NDArray[np.uint8], *, most: int = MOST_CANDIDATES) -> Co
     return Corners(smooth, examined[passed], axes[passed], contrast[passed], weak)
 
 
-def _smooth(level: NDArray[np.uint8]) -> Image:
-    # Sixteenths of a grey level in 16 bits: as good as float here, and several times faster to filter.
-    sixteenths = cv2.GaussianBlur(np.left_shift(level, 4, dtype=np.int16), (5, 5), SMOOTHING_PX)
-    return sixteenths.astype(np.float32) * np.float32(1 / 16)
+_KERNEL = np.exp(-0.5 * (np.arange(-2, 3) / SMOOTHING_PX) ** 2)
+_K0, _K1, _K2 = (np.float32(_KERNEL[2 + k] / _KERNEL.sum()) for k in range(3))
+
+
+@njit("float32[:, ::1](uint8[:, ::1])", cache=True, nogil=True, fastmath={"contract"})
+def _smooth(level):  # type: ignore[no-untyped-def]
+    """The image blurred by SMOOTHING_PX, mirrored beyond its border."""
+    h, w = level.shape
+    smooth = np.empty((h, w), np.float32)
+    row = np.empty(w + 4, np.float32)
+    for y in range(h):
+        below, lowest = h - 1 - abs(h - 2 - y), h - 1 - abs(h - 3 - y)
+        a, b, c, d, e = level[abs(y - 2)], level[abs(y - 1)], level[y], level[below], level[lowest]
+        for x in range(w):
+            near, far = np.int32(b[x]) + np.int32(d[x]), np.int32(a[x]) + np.int32(e[x])
+            row[x + 2] = _K0 * np.float32(c[x]) + _K1 * np.float32(near) + _K2 * np.float32(far)
+        row[0], row[1], row[w + 2], row[w + 3] = row[4], row[3], row[w], row[w - 1]
+        out = smooth[y]
+        for x in range(w):
+            out[x] = _K0 * row[x + 2] + _K1 * (row[x + 1] + row[x + 3]) + _K2 * (row[x] + row[x + 4])
+    return smooth
 
 
 def _saddles(image: Image, least: float) -> tuple[Array, Array]:
     """Saddle points (n, 2) as x, y, and S (n,), where it is above `least` and largest within two pixels."""
-    response = np.zeros_like(image)
-    _respond(image, response)
-    largest = cv2.dilate(response, np.ones((5, 5), np.uint8))
-    at = np.flatnonzero((response == largest) & (response > least))
-    y, x = np.divmod(at, image.shape[1])
-    inside = (x >= MARGIN_PX) & (x < image.shape[1] - MARGIN_PX) & (y >= MARGIN_PX) & (y < image.shape[0] - MARGIN_PX)
-    return _centres(image, response, x[inside], y[inside])
+    return _centres(image, *_maxima(image, np.float32(least)))
 
 
-@njit("void(float32[:, ::1], float32[:, ::1])", cache=True, nogil=True, fastmath=True)
-def _respond(image, response):  # type: ignore[no-untyped-def]
-    """Fills response with S, leaving its border."""
-    h, w = image.shape
-    for y in range(1, h - 1):
-        for x in range(1, w - 1):
-            twice = np.float32(2) * image[y, x]
-            xx = image[y, x + 1] - twice + image[y, x - 1]
-            yy = image[y + 1, x] - twice + image[y - 1, x]
-            xy = image[y + 1, x + 1] - image[y + 1, x - 1] - image[y - 1, x + 1] + image[y - 1, x - 1]
-            response[y, x] = np.float32(1 / 16) * xy * xy - xx * yy
+@njit("void(float32[:, ::1], int64, float32[::1])", cache=True, nogil=True, fastmath={"contract"})
+def _respond(image, y, response):  # type: ignore[no-untyped-def]
+    """Fills S of row y of the image but for its ends."""
+    above, here, below = image[y - 1], image[y], image[y + 1]
+    for x in range(1, image.shape[1] - 1):
+        twice = np.float32(2) * here[x]
+        xx = here[x + 1] - twice + here[x - 1]
+        yy = below[x] - twice + above[x]
+        xy = below[x + 1] - below[x - 1] - above[x + 1] + above[x - 1]
+        response[x] = np.float32(1 / 16) * xy * xy - xx * yy
 
 
-@njit("boolean(float32[:, ::1], int64, int64)", cache=True, nogil=True)
-def _has_equal_before(response, x, y):  # type: ignore[no-untyped-def]
+@njit("boolean(float32[::1], float32[::1], float32[::1], int64)", cache=True, nogil=True)
+def _has_equal_before(highest, above, here, x):  # type: ignore[no-untyped-def]
     """Whether the same response stands at an earlier pixel, row by row, within two pixels."""
-    for v in range(y - 2, y + 1):
-        for u in range(x - 2, x + 3):
-            if v == y and u >= x:
-                break
-            if response[v, u] == response[y, x]:
-                return True
+    for u in range(x - 2, x + 3):
+        if highest[u] == here[x] or above[u] == here[x] or (u < x and here[u] == here[x]):
+            return True
     return False
 
 
+@njit("UniTuple(int64[::1], 2)(float32[:, ::1], float32)", cache=True, nogil=True, fastmath={"nnan", "nsz"})
+def _maxima(image, least):  # type: ignore[no-untyped-def]
+    """x and y of the pixels where S is above `least` and largest within two pixels, off the margin."""
+    h, w = image.shape
+    xs, ys = np.empty(h * w // 9 + 1, np.int64), np.empty(h * w // 9 + 1, np.int64)
+    # Five rows of S at a time: a picture of it would cost more to fill than to compute.
+    rows, down, largest = np.zeros((5, w), np.float32), np.empty(w, np.float32), np.empty(w, np.float32)
+    n = 0
+    for y in range(MARGIN_PX - 2, MARGIN_PX + 2):
+        _respond(image, y, rows[y % 5])
+    for y in range(MARGIN_PX, h - MARGIN_PX):
+        _respond(image, y + 2, rows[(y + 2) % 5])
+        a, b, c, d, e = rows[(y - 2) % 5], rows[(y - 1) % 5], rows[y % 5], rows[(y + 1) % 5], rows[(y + 2) % 5]
+        # Five pixels down, then five across: loops without branches, that take several pixels at once.
+        for x in range(w):
+            p = a[x] if a[x] > b[x] else b[x]
+            q = d[x] if d[x] > e[x] else e[x]
+            p = p if p > q else q
+            down[x] = p if p > c[x] else c[x]
+        for x in range(w - 4):
+            p = down[x] if down[x] > down[x + 1] else down[x + 1]
+            q = down[x + 3] if down[x + 3] > down[x + 4] else down[x + 4]
+            p = p if p > q else q
+            p = p if p > down[x + 2] else down[x + 2]
+            largest[x + 2] = p if p > least else least
+        for x in range(MARGIN_PX, w - MARGIN_PX):
+            # The first is rarely true, which is quick. A drawn corner lies between pixels that are equal to the last
+            # bit: of such maxima the first counts.
+            if c[x] >= largest[x] and c[x] > least and not _has_equal_before(a, b, c, x):
+                xs[n], ys[n] = x, y
+                n += 1
+    return xs[:n].copy(), ys[:n].copy()
+
+
 @njit(
-    "Tuple((float64[:, ::1], float64[::1]))(float32[:, ::1], float32[:, ::1], int64[::1], int64[::1])",
+    "Tuple((float64[:, ::1], float64[::1]))(float32[:, ::1], int64[::1], int64[::1])",
     cache=True,
     nogil=True,
     error_model="numpy",
 )
-def _centres(image, response, xs, ys):  # type: ignore[no-untyped-def]
+def _centres(image, xs, ys):  # type: ignore[no-untyped-def]
     """Where the gradient vanishes near each pixel: (n, 2), and S; without those where it vanishes elsewhere."""
     found, strength = np.empty((len(xs), 2)), np.empty(len(xs))
     n = 0
     for k in range(len(xs)):
         x, y = xs[k], ys[k]
-        # A drawn corner lies between pixels that are equal to the last bit: four maxima, of which the first counts.
-        if _has_equal_before(response, x, y):
-            continue
         gx = 0.5 * (image[y, x + 1] - image[y, x - 1])
         gy = 0.5 * (image[y + 1, x] - image[y - 1, x])
         xx = image[y, x + 1] - 2.0 * image[y, x] + image[y, x - 1]

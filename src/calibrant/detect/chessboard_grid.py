@@ -7,20 +7,25 @@ cell (0, 0) and its neighbours to the right and below is dark.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from calibrant.detect.chessboard_corners import Corners
-from calibrant.detect.chessboard_snap import drop_misfits, snap
+from calibrant.detect.chessboard_snap import by_rows, drop_misfits, snap
 
 Array = NDArray[np.float64]
-Cells = dict[tuple[int, int], int]
-Turns = dict[int, int]
+Pool = tuple[Array, NDArray[np.int64]]
+"""Saddles, and where each row of the image begins among them (`by_rows`)."""
+Walk = NDArray[np.int64]
+"""Corner, row, column and turn of each corner of a grid (n, 4): its port p points in direction (p + turn) % 4.
+Directions are right, down, left, up."""
 
+FURTHEST = 100
+"""Lines that a set of linked corners may reach from where it began: more than any board has."""
 LEAST_FILL = 0.5
 """Of a side's outermost line, how much must be seen for it to be part of the board and not an accident beside it."""
 
@@ -58,61 +63,67 @@ def grow_grids(corners: Corners, links: NDArray[np.int32], *, least: int, most: 
 
     The one that covers most of the picture comes first; each is grown when it is asked for.
     """
-    components = sorted(_components(links, least=least), key=lambda c: -len(c[0]))[:most]
-    grids = [_as_grid(cells, turns, corners) for cells, turns in components]
+    walks = sorted(_walks(links, least=least), key=lambda walk: -len(walk))[:most]
+    grids = [_as_grid(walk, corners) for walk in walks]
     for grid in sorted(grids, key=lambda g: -g.area):
         yield _complete(grid, corners)
 
 
-def _components(links: NDArray[np.int32], *, least: int) -> list[tuple[Cells, Turns]]:
+def _walks(links: NDArray[np.int32], *, least: int) -> list[Walk]:
+    """Sets of at least so many linked corners, each with its place in the set's own rows and columns."""
     # A corner of a grid has neighbours in directions that cross; chains of links along a line are no grid.
     count = (links >= 0).sum(axis=1)
-    table = links.tolist()
-    seen: set[int] = set()
-    components = []
-    for seed in np.flatnonzero(count >= 3).tolist():
-        if seed in seen:
-            continue
-        cells, turns = _walk(seed, table)
-        seen.update(turns)
-        if len(cells) >= least:
-            components.append((cells, turns))
-    return components
+    seen = np.zeros(len(links), np.bool_)
+    taken = np.full((2 * FURTHEST + 1, 2 * FURTHEST + 1), -1, np.int64)
+    walks = []
+    for seed in np.flatnonzero(count >= 3):
+        if not seen[seed]:
+            walk = _walk(seed, links, seen, taken)
+            if len(walk) >= least:
+                walks.append(walk)
+    return walks
 
 
-def _walk(seed: int, links: list[list[int]]) -> tuple[Cells, Turns]:
-    """Corner at each (row, column), and the turn of each: its port p points in direction (p + turn) % 4.
+@njit("int64[:, ::1](int64, int32[:, ::1], boolean[::1], int64[:, ::1])", cache=True, nogil=True)
+def _walk(seed, links, seen, taken):  # type: ignore[no-untyped-def]
+    """All corners linked to one; a link that contradicts the places already known is left out.
 
-    Directions are right, down, left, up. A link that contradicts the cells already known is left out.
+    Sets `seen` of them; taken: all -1, and again so afterwards.
     """
-    steps = ((0, 1), (1, 0), (0, -1), (-1, 0))
-    cells, place, turns = {(0, 0): seed}, {seed: (0, 0)}, {seed: 0}
-    queue = deque([seed])
-    while queue:
-        corner = queue.popleft()
-        row, column = place[corner]
-        for port, link in enumerate(links[corner]):
+    walk = np.empty((len(links), 4), np.int64)
+    known = np.zeros(len(links), np.bool_)
+    walk[0, 0], walk[0, 1], walk[0, 2], walk[0, 3] = seed, 0, 0, 0
+    taken[FURTHEST, FURTHEST] = seed
+    known[seed] = True
+    count, done = 1, 0
+    while done < count:
+        corner, row, column, turn = walk[done]
+        done += 1
+        for port in range(4):
+            link = links[corner, port]
             if link < 0:
                 continue
-            other, back = divmod(link, 4)
-            direction = (port + turns[corner]) % 4
-            cell = (row + steps[direction][0], column + steps[direction][1])
-            if other in place or cell in cells:
+            other, back = link // 4, link % 4
+            direction = (port + turn) % 4
+            r = row + (1 if direction == 1 else -1 if direction == 3 else 0)
+            c = column + (1 if direction == 0 else -1 if direction == 2 else 0)
+            if known[other] or max(abs(r), abs(c)) > FURTHEST or taken[r + FURTHEST, c + FURTHEST] >= 0:
                 continue
-            cells[cell], place[other] = other, cell
-            turns[other] = (direction + 2 - back) % 4
-            queue.append(other)
-    return cells, turns
+            known[other], taken[r + FURTHEST, c + FURTHEST] = True, other
+            walk[count, 0], walk[count, 1], walk[count, 2], walk[count, 3] = other, r, c, (direction + 2 - back) % 4
+            count += 1
+    for k in range(count):
+        seen[walk[k, 0]] = True
+        taken[walk[k, 1] + FURTHEST, walk[k, 2] + FURTHEST] = -1
+    return walk[:count].copy()
 
 
-def _as_grid(cells: Cells, turns: Turns, corners: Corners) -> Grid:
-    at = np.array(list(cells))
-    index = np.array(list(cells.values()))
-    at -= at.min(axis=0)
+def _as_grid(walk: Walk, corners: Corners) -> Grid:
+    index, at, turn = walk[:, 0], walk[:, 1:3] - walk[:, 1:3].min(axis=0), walk[:, 3]
     xy = np.full((*(at.max(axis=0) + 1), 2), np.nan)
     xy[at[:, 0], at[:, 1]] = corners.xy[index]
     # Between ports 0 and 1 it is dark: right and below of a corner whose turn is even. Neighbours alternate.
-    dark = (at.sum(axis=1) + np.array([turns[i] for i in index])) % 2 == 0
+    dark = (at.sum(axis=1) + turn) % 2 == 0
     # At a corner's centre the picture has the mean of dark and light.
     column, row = np.rint(corners.xy[index]).astype(int).T
     contrast = corners.contrast[index] / np.maximum(corners.smooth[row, column], 1.0)
@@ -121,7 +132,7 @@ def _as_grid(cells: Cells, turns: Turns, corners: Corners) -> Grid:
 
 def _complete(grid: Grid, corners: Corners) -> Grid:
     """The grid with its stray lines cut, its holes filled and its sides grown, as far as saddles are found."""
-    pool = np.concatenate([corners.xy, corners.weak])
+    pool: Pool = by_rows(np.concatenate([corners.xy, corners.weak]), len(corners.smooth))
     drop_misfits(grid.xy, grid.dark, grid.contrast, corners.smooth)
     grid = _fill(_trim(grid), corners, pool)
     scraps = 0
@@ -142,8 +153,9 @@ def _complete(grid: Grid, corners: Corners) -> Grid:
 
 def _goes_on(grid: Grid, corners: Corners) -> bool:
     # Only saddles that are corners from all sides: the outline of a board has bends. One may still fit by chance.
+    strong: Pool = by_rows(corners.xy, len(corners.smooth))
     for _ in range(4):
-        if _one_column_more(grid, corners, corners.xy)[1] >= 2:
+        if _one_column_more(grid, corners, strong)[1] >= 2:
             return True
         grid = turned(grid)
     return False
@@ -162,45 +174,36 @@ def turned(grid: Grid) -> Grid:
 
 def _trim(grid: Grid) -> Grid:
     """Without outer lines of which too little is seen."""
-    while min(grid.shape) > 1:
-        known = grid.known
-        sides = {
-            "top": known[0].mean(),
-            "bottom": known[-1].mean(),
-            "left": known[:, 0].mean(),
-            "right": known[:, -1].mean(),
-        }
-        side = min(sides, key=lambda s: sides[s])
-        if sides[side] >= LEAST_FILL:
+    known = grid.known
+    r0, c0, r1, c1 = 0, 0, *grid.shape
+    while min(r1 - r0, c1 - c0) > 1:
+        inner = known[r0:r1, c0:c1]
+        seen = [float(side.sum()) / len(side) for side in (inner[0], inner[-1], inner[:, 0], inner[:, -1])]
+        worst = seen.index(min(seen))
+        if seen[worst] >= LEAST_FILL:
             break
-        if side == "top":
-            grid = Grid(grid.xy[1:], not grid.dark, grid.contrast)
-        elif side == "bottom":
-            grid = Grid(grid.xy[:-1], grid.dark, grid.contrast)
-        elif side == "left":
-            grid = Grid(grid.xy[:, 1:], not grid.dark, grid.contrast)
-        else:
-            grid = Grid(grid.xy[:, :-1], grid.dark, grid.contrast)
-    return grid
+        r0, r1, c0, c1 = r0 + (worst == 0), r1 - (worst == 1), c0 + (worst == 2), c1 - (worst == 3)
+    # Neighbouring squares alternate.
+    return Grid(grid.xy[r0:r1, c0:c1], grid.dark ^ ((r0 + c0) % 2 == 1), grid.contrast)
 
 
-def _fill(grid: Grid, corners: Corners, pool: Array) -> Grid:
+def _fill(grid: Grid, corners: Corners, pool: Pool) -> Grid:
     """With the holes filled where a saddle lies at the predicted place."""
     xy = np.ascontiguousarray(grid.xy).copy()
     # Each round reaches one corner further into a hole.
     for _ in range(sum(grid.shape)):
         missing = np.isnan(xy[..., 0])
-        if not missing.any() or not snap(xy, missing, grid.dark, grid.contrast, corners.smooth, pool):
+        if not missing.any() or not snap(xy, missing, grid.dark, grid.contrast, corners.smooth, *pool):
             break
     return Grid(xy, grid.dark, grid.contrast)
 
 
-def _one_column_more(grid: Grid, corners: Corners, pool: Array) -> tuple[Grid, int]:
+def _one_column_more(grid: Grid, corners: Corners, pool: Pool) -> tuple[Grid, int]:
     """With one more column on the right, and how many of its corners the picture shows."""
     rows, columns = grid.shape
     xy = np.full((rows, columns + 1, 2), np.nan)
     xy[:, :-1] = grid.xy
     wanted = np.zeros((rows, columns + 1), np.bool_)
     wanted[:, -1] = True
-    seen = snap(xy, wanted, grid.dark, grid.contrast, corners.smooth, pool)
+    seen = snap(xy, wanted, grid.dark, grid.contrast, corners.smooth, *pool)
     return Grid(xy, grid.dark, grid.contrast), int(seen)

@@ -74,12 +74,10 @@ def _nearest(image, xy, axes, contrast, bin_size):  # type: ignore[no-untyped-de
     for i in range(n):
         members[filled[home[i]]] = i
         filled[home[i]] += 1
-    direction = np.empty((n, 4, 2))
+    direction = np.empty((n, 2, 2))
     for i in range(n):
-        for port in range(4):
-            angle = axes[i, port % 2] + (math.pi if port >= 2 else 0.0)
-            direction[i, port, 0] = math.cos(angle)
-            direction[i, port, 1] = math.sin(angle)
+        for axis in range(2):
+            direction[i, axis, 0], direction[i, axis, 1] = math.cos(axes[i, axis]), math.sin(axes[i, axis])
     least_cos = math.cos(ANGLE_TOLERANCE)
     # A board of 3x3 corners has four squares a side: a square is at most a quarter of the picture.
     furthest = int(0.3 * max(h, w) / bin_size) + 1
@@ -105,21 +103,25 @@ def _nearest(image, xy, axes, contrast, bin_size):  # type: ignore[no-untyped-de
                         if j == i or d2 < 16.0:
                             continue
                         reach = least_cos * math.sqrt(d2)
-                        for port in range(4):
-                            if d2 >= best[port] or direction[i, port, 0] * dx + direction[i, port, 1] * dy < reach:
+                        for axis in range(2):
+                            along = direction[i, axis, 0] * dx + direction[i, axis, 1] * dy
+                            port = axis if along > 0.0 else axis + 2
+                            if abs(along) < reach or d2 >= best[port]:
                                 continue
-                            for back in range(1 - port % 2, 4, 2):
-                                if direction[j, back, 0] * dx + direction[j, back, 1] * dy > -reach:
-                                    continue
-                                least = LEAST_EDGE * min(contrast[i], contrast[j])
-                                # An a-port has its dark side where one turns to; seen from the b-port it is the other.
-                                if port % 2 == 0:
-                                    edge = edge_between(image, xy[i, 0], xy[i, 1], xy[j, 0], xy[j, 1], least)
-                                else:
-                                    edge = edge_between(image, xy[j, 0], xy[j, 1], xy[i, 0], xy[i, 1], least)
-                                if edge:
-                                    best[port] = d2
-                                    nearest[i, port] = 4 * j + back
+                            # The other end's line leads back along its other axis.
+                            along = direction[j, 1 - axis, 0] * dx + direction[j, 1 - axis, 1] * dy
+                            back = 1 - axis if along < 0.0 else 3 - axis
+                            if abs(along) < reach:
+                                continue
+                            least = LEAST_EDGE * min(contrast[i], contrast[j])
+                            # An a-port has its dark side where one turns to; seen from the b-port it is the other.
+                            if axis == 0:
+                                edge = edge_between(image, xy[i, 0], xy[i, 1], xy[j, 0], xy[j, 1], least)
+                            else:
+                                edge = edge_between(image, xy[j, 0], xy[j, 1], xy[i, 0], xy[i, 1], least)
+                            if edge:
+                                best[port] = d2
+                                nearest[i, port] = 4 * j + back
     return nearest
 
 

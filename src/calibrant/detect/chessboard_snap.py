@@ -104,6 +104,21 @@ def predict(xy, row, column, out):  # type: ignore[no-untyped-def]
     return True
 
 
+@njit("float64[:, ::1](float64[:, :, ::1], boolean[:, ::1])", cache=True, nogil=True)
+def steps_at(xy, wanted):  # type: ignore[no-untyped-def]
+    """Steps ux, uy, vx, vy (n, 4) as from `predict` at the wanted corners, row by row; 0 where they are not known."""
+    steps = np.zeros((wanted.sum(), 4))
+    out = np.empty(6)
+    n = 0
+    for row in range(xy.shape[0]):
+        for column in range(xy.shape[1]):
+            if wanted[row, column]:
+                predict(xy, row, column, out)
+                steps[n] = out[2:]
+                n += 1
+    return steps
+
+
 @njit("boolean(float32[:, ::1], float64, float64, float64[::1], boolean, float64)", cache=True, nogil=True)
 def looks_like_corner(image, x, y, step, dark, contrast):  # type: ignore[no-untyped-def]
     """Whether the four squares around (x, y) alternate clearly, both near to it and far.
@@ -158,11 +173,32 @@ def edges_arrive(image, xy, row, column, x, y, dark, contrast):  # type: ignore[
     return True
 
 
-@njit("int64(float64[:, :, ::1], boolean[:, ::1], boolean, float64, float32[:, ::1], float64[:, ::1])", cache=True)
-def snap(xy, wanted, dark, contrast, image, pool):  # type: ignore[no-untyped-def]
-    """Sets the `wanted` corners of a grid xy where a saddle of the pool (m, 2) lies as predicted; how many were set.
+@njit("Tuple((float64[:, ::1], int64[::1]))(float64[:, ::1], int64)", cache=True, nogil=True)
+def by_rows(xy, height):  # type: ignore[no-untyped-def]
+    """Points (m, 2) in the order of the image's rows they lie in, and where each of its rows begins, (height + 1,)."""
+    first = np.zeros(height + 1, np.int64)
+    for k in range(len(xy)):
+        first[min(max(int(xy[k, 1]), 0), height - 1) + 1] += 1
+    for row in range(height):
+        first[row + 1] += first[row]
+    filled, ordered = first.copy(), np.empty_like(xy)
+    for k in range(len(xy)):
+        row = min(max(int(xy[k, 1]), 0), height - 1)
+        ordered[filled[row]] = xy[k]
+        filled[row] += 1
+    return ordered, first
 
-    dark: colour of the square right of and below corner (0, 0); contrast: of the grid.
+
+@njit(
+    "int64(float64[:, :, ::1], boolean[:, ::1], boolean, float64, float32[:, ::1], float64[:, ::1], int64[::1])",
+    cache=True,
+    nogil=True,
+)
+def snap(xy, wanted, dark, contrast, image, pool, first):  # type: ignore[no-untyped-def]
+    """Sets the `wanted` corners of a grid xy where a saddle lies as predicted; how many were set.
+
+    dark: colour of the square right of and below corner (0, 0); contrast: of the grid; pool (m, 2), first: the saddles
+    as from `by_rows`.
     """
     rows, columns = xy.shape[:2]
     found = np.full((rows, columns), -1)
@@ -176,7 +212,10 @@ def snap(xy, wanted, dark, contrast, image, pool):  # type: ignore[no-untyped-de
             down = math.sqrt(step[4] ** 2 + step[5] ** 2)
             best = (SNAP * min(across, down)) ** 2
             nearest = -1
-            for k in range(len(pool)):
+            reach = math.sqrt(best)
+            upper = min(max(int(step[1] - reach), 0), len(first) - 1)
+            lower = min(max(int(step[1] + reach) + 1, 0), len(first) - 1)
+            for k in range(first[upper], first[lower]):
                 d2 = (pool[k, 0] - step[0]) ** 2 + (pool[k, 1] - step[1]) ** 2
                 if d2 < best:
                     best = d2

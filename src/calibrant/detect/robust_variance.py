@@ -32,24 +32,30 @@ def sum_groups(J, r, cofactors, group, count, variance, sums):  # type: ignore[n
     J (p, n), r (n,); cofactors (p, p): (J J^T)^-1, of which x and y are first; group (n,) below count; variance of r.
     """
     p, n = J.shape
-    shift, energy, taken = np.zeros((count, 2)), np.zeros((count, 2)), np.zeros((count, 2, p))
-    for k in range(n):
-        for axis in range(2):
-            share = 0.0
-            for i in range(p):
-                share += cofactors[axis, i] * J[i, k]
-            shift[group[k], axis] += share * r[k]
-            energy[group[k], axis] += share * share
-            for i in range(p):
-                taken[group[k], axis, i] += share * J[i, k]
     scale = cofactors[0, 0] + cofactors[1, 1]
-    sums[0], sums[1], sums[2] = (shift**2).sum() / (variance * scale), energy.sum() / scale, count
-    # Residuals are noise less what the fit took of it: g^T (I - J C J^T) g within the group.
-    for part in range(count):
-        for axis in range(2):
+    share, taken = np.empty(n), np.zeros((count, p))
+    shift, energy = np.zeros(count), np.zeros(count)
+    sums[0], sums[1], sums[2] = 0.0, 0.0, count
+    for axis in range(2):
+        share[:] = 0.0
+        for i in range(p):
+            for k in range(n):
+                share[k] += cofactors[axis, i] * J[i, k]
+        shift[:], energy[:], taken[:] = 0.0, 0.0, 0.0
+        for k in range(n):
+            shift[group[k]] += share[k] * r[k]
+            energy[group[k]] += share[k] * share[k]
             for i in range(p):
+                taken[group[k], i] += share[k] * J[i, k]
+        for part in range(count):
+            sums[0] += shift[part] ** 2 / (variance * scale)
+            sums[1] += energy[part] / scale
+            # Residuals are noise less what the fit took of it: g^T (I - J C J^T) g within the group.
+            for i in range(p):
+                product = 0.0
                 for j in range(p):
-                    sums[1] -= taken[part, axis, i] * cofactors[i, j] * taken[part, axis, j] / scale
+                    product += cofactors[i, j] * taken[part, j]
+                sums[1] -= taken[part, i] * product / scale
 
 
 def variance_ratio(sums: NDArray[np.float64]) -> float:

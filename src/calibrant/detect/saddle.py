@@ -53,8 +53,11 @@ LEAST_LOG_MIXED = math.log(0.5)
 FLAT_PX3 = 1e-6
 """Standard deviation of a k that is not looked for: none."""
 MOST_STEPS = 20
-SMALL_STEP_PX = 1e-3
-"""A tenth of the best standard deviation there is."""
+SMALL_STEP_PX, ROUGH_STEP_PX = 1e-3, 2e-2
+"""When a fit is done: a tenth of the best standard deviation there is; and when the one before it is."""
+SMALL_GAIN = 1e-3
+"""Of the sum of squares, what the last step may promise: with a hundred pixels, that of a third of a standard deviation
+in the worst of directions."""
 SQRT_HALF = math.sqrt(0.5)
 LEAST_LOG_BLUR = math.log(0.25)
 """A pixel's own width blurs by 0.29 px; without a floor, an edge between pixel columns could sharpen for ever."""
@@ -110,23 +113,26 @@ def refine(
 
 
 @njit(
-    "float64(uint8[:, ::1], float64[::1], int64[:, ::1], float64[:, ::1], float64[::1])",
+    "float64(float64[:, ::1], float64[::1], float64[:, ::1], float64[::1])",
     cache=True,
     nogil=True,
     error_model="numpy",
     fastmath={"contract", "reassoc", "arcp", "nsz"},
 )
-def _linearise(grey, p, pixels, J, residuals):  # type: ignore[no-untyped-def]
-    """Fills J (11, n) and residuals (n,) at pixels (n, 2); returns the sum of squared residuals."""
+def _linearise(window, p, J, residuals):  # type: ignore[no-untyped-def]
+    """Fills J (11, n) and residuals (n,) from the window's u, v and grey, (3, n); returns the sum of squared residuals.
+
+    Without branches or look-ups, so that several pixels are computed at once.
+    """
     x, y, m, c, gx, gy = p[0], p[1], p[5], p[6], p[7], p[8]
     ca, sa, cb, sb = math.cos(p[2]), math.sin(p[2]), math.cos(p[3]), math.sin(p[3])
     per_blur, slope = math.exp(-p[4]), math.sqrt(2.0 / math.pi)
+    blur = 1.0 / per_blur
     r, turned = ca * cb + sa * sb, sa * cb - ca * sb
     skew = per_blur**3 / 6.0
     total = 0.0
-    for k in range(len(pixels)):
-        u, v = pixels[k, 0], pixels[k, 1]
-        dx, dy = u - x, v - y
+    for k in range(len(residuals)):
+        dx, dy = window[0, k] - x, window[1, k] - y
         ta, tb = (ca * dy - sa * dx) * per_blur, (cb * dy - sb * dx) * per_blur
         ea, bell_a = step_and_bell(SQRT_HALF * ta)
         eb, bell_b = step_and_bell(SQRT_HALF * tb)
@@ -136,7 +142,8 @@ def _linearise(grey, p, pixels, J, residuals):  # type: ignore[no-untyped-def]
         series = r + r * r * (0.5 * ta * tb + r / 6.0 * qa * qb)
         skew_a, skew_b = -skew * qa * ga, -skew * qb * gb
         shape = ea * eb + both * series
-        residual = grey[v, u] - (m + gx * dx + gy * dy + c * (shape + p[9] * skew_a * eb + p[10] * skew_b * ea))
+        by_ka, by_kb = c * skew_a * eb, c * skew_b * ea
+        residual = window[2, k] - (m + gx * dx + gy * dy + c * shape + p[9] * by_ka + p[10] * by_kb)
         residuals[k] = residual
         total += residual * residual
         # Slopes by t_a and t_b, and by r; those of the k's terms are left out, as small as these are.
@@ -147,25 +154,25 @@ def _linearise(grey, p, pixels, J, residuals):  # type: ignore[no-untyped-def]
         J[1, k] = -wa * ca - wb * cb - gy
         J[2, k] = -wa * (ca * dx + sa * dy) - by_r
         J[3, k] = -wb * (cb * dx + sb * dy) + by_r
-        J[4, k] = -(wa * ta + wb * tb) / per_blur
+        J[4, k] = -(wa * ta + wb * tb) * blur
         J[5, k] = 1.0
         J[6, k] = shape
         J[7, k] = dx
         J[8, k] = dy
-        J[9, k] = c * skew_a * eb
-        J[10, k] = c * skew_b * ea
+        J[9, k] = by_ka
+        J[10, k] = by_kb
     return total
 
 
 @njit(
-    "float64(uint8[:, ::1], float64[::1], int64[:, ::1], float64[::1], float64[:, ::1], float64[::1], "
-    "float64[:, ::1], float64[::1])",
+    "float64(float64[:, ::1], float64[::1], float64[::1], float64[:, ::1], float64[::1], float64[:, ::1], "
+    "float64[::1])",
     cache=True,
     nogil=True,
 )
-def _normal_equations(grey, p, pixels, prior, J, residuals, JtJ, Jtr):  # type: ignore[no-untyped-def]
+def _normal_equations(window, p, prior, J, residuals, JtJ, Jtr):  # type: ignore[no-untyped-def]
     """Fills JtJ (11, 11) and Jtr (11,); returns the cost. prior (2,): the noise's variance over that of each k."""
-    cost = _linearise(grey, p, pixels, J, residuals)
+    cost = _linearise(window, p, J, residuals)
     products(J, residuals, JtJ, Jtr)
     for i in range(THIRD_MOMENTS):
         k = PARAMETERS - THIRD_MOMENTS + i
@@ -184,9 +191,10 @@ def _raster(angle, length):  # type: ignore[no-untyped-def]
     return RASTER_PX3 * (abs(math.sin(math.pi * crossed) / (math.pi * crossed)) if crossed > 1e-3 else 1.0)
 
 
-@njit("int64(int64, int64, float64[::1], float64[::1], float64, float64, int64[:, ::1])", cache=True, nogil=True)
-def _window(h, w, centre, step, radius, zero, pixels):  # type: ignore[no-untyped-def]
-    """Fills the pixels (count, 2) within the window around a centre; returns their count."""
+@njit("int64(uint8[:, ::1], float64[::1], float64[::1], float64, float64, float64[:, ::1])", cache=True, nogil=True)
+def _window(grey, centre, step, radius, zero, window):  # type: ignore[no-untyped-def]
+    """Fills u, v and grey (3, count) of the pixels within the window around a centre; returns their count."""
+    h, w = grey.shape
     det = step[0] * step[3] - step[1] * step[2]
     count = 0
     if det == 0.0:  # a corner so alone that the grid's directions are not known there
@@ -199,38 +207,34 @@ def _window(h, w, centre, step, radius, zero, pixels):  # type: ignore[no-untype
             a = (dx * step[3] - dy * step[2]) / det
             b = (dy * step[0] - dx * step[1]) / det
             if abs(a) <= WINDOW and abs(b) <= WINDOW and dx * dx + dy * dy <= radius * radius:
-                pixels[count, 0] = u
-                pixels[count, 1] = v
+                window[0, count], window[1, count], window[2, count] = u, v, grey[v, u]
                 count += 1
     return count
 
 
-@njit("void(uint8[:, ::1], int64[:, ::1], int64, float64[::1], float64[::1], boolean, float64[::1])", cache=True)
-def _start(grey, pixels, count, centre, step, dark, p):  # type: ignore[no-untyped-def]
-    """Fills parameters 0-3 and 5-8: edges along the grid's directions, brightness from the window's pixels."""
+@njit("void(float64[::1], float64[::1], float64[::1], boolean, float64, float64[::1])", cache=True, nogil=True)
+def _start(values, centre, step, dark, blur, p):  # type: ignore[no-untyped-def]
+    """Fills p: edges along the grid's directions, brightness from the window's grey values."""
     p[:] = 0.0
     p[0], p[1] = centre[0], centre[1]
-    p[2], p[3] = math.atan2(step[1], step[0]), math.atan2(step[3], step[2])
-    low, high = 255.0, 0.0
-    for k in range(count):
-        value = float(grey[pixels[k, 1], pixels[k, 0]])
-        low, high = min(low, value), max(high, value)
-        p[5] += value / count
+    p[2], p[3], p[4] = math.atan2(step[1], step[0]), math.atan2(step[3], step[2]), math.log(blur)
+    p[5] = values.mean()
     # Between the axes d_a > 0 and d_b < 0: there the model is dark when c is above 0.
-    p[6] = 0.5 * (high - low) * (1.0 if dark else -1.0)
+    p[6] = 0.5 * (values.max() - values.min()) * (1.0 if dark else -1.0)
 
 
 @njit(
-    "float64(uint8[:, ::1], int64[:, ::1], float64[::1], float64, float64[::1], float64[:, ::1])",
+    "float64(float64[:, ::1], float64[::1], float64, float64, float64[::1], float64[:, ::1])",
     cache=True,
     nogil=True,
     error_model="numpy",
 )
-def _descend(grey, pixels, p, most_blur, prior, JtJ):  # type: ignore[no-untyped-def]
+def _descend(window, p, most_blur, small_step, prior, JtJ):  # type: ignore[no-untyped-def]
     """Levenberg-Marquardt on p, in place; fills J^T J there; returns the sum of squared residuals."""
+    n = window.shape[1]
     Jtr, trial_JtJ, trial_Jtr = np.empty(PARAMETERS), np.empty((PARAMETERS, PARAMETERS)), np.empty(PARAMETERS)
-    J, residuals = np.empty((PARAMETERS, len(pixels))), np.empty(len(pixels))
-    cost = _normal_equations(grey, p, pixels, prior, J, residuals, JtJ, Jtr)
+    J, residuals = np.empty((PARAMETERS, n)), np.empty(n)
+    cost = _normal_equations(window, p, prior, J, residuals, JtJ, Jtr)
     damping = 1e-3
     L, delta, trial = np.empty((PARAMETERS, PARAMETERS)), np.empty(PARAMETERS), np.empty(PARAMETERS)
     for _ in range(MOST_STEPS):
@@ -238,17 +242,19 @@ def _descend(grey, pixels, p, most_blur, prior, JtJ):  # type: ignore[no-untyped
         solve(L, Jtr, delta)
         trial[:] = p + delta
         trial[4] = min(max(trial[4], LEAST_LOG_BLUR), math.log(most_blur))
-        trial_cost = _normal_equations(grey, trial, pixels, prior, J, residuals, trial_JtJ, trial_Jtr)
-        moved = abs(delta[0]) + abs(delta[1])
+        moved, promised = abs(delta[0]) + abs(delta[1]), (delta * Jtr).sum()
+        if moved < small_step and promised < SMALL_GAIN * cost:
+            # What such a step changes in J is less than what there is to say about it.
+            p[:] = trial
+            cost -= promised
+            break
+        trial_cost = _normal_equations(window, trial, prior, J, residuals, trial_JtJ, trial_Jtr)
         if trial_cost < cost:
-            gain = cost - trial_cost
             p[:] = trial
             cost = trial_cost
             JtJ[:] = trial_JtJ
             Jtr[:] = trial_Jtr
             damping *= 0.1
-            if moved < SMALL_STEP_PX and gain < 1e-3 * cost:
-                break
         else:
             damping *= 10.0
             if damping > 1e6 or moved < 0.1 * SMALL_STEP_PX:
@@ -257,20 +263,20 @@ def _descend(grey, pixels, p, most_blur, prior, JtJ):  # type: ignore[no-untyped
 
 
 @njit(
-    "void(uint8[:, ::1], float64[::1], int64[:, ::1], float64[:, ::1], float64, float64[::1])",
+    "void(float64[:, ::1], float64[::1], float64[:, ::1], float64, float64[::1])",
     cache=True,
     nogil=True,
     error_model="numpy",
 )
-def _sum_pieces(grey, p, pixels, cofactors, variance, sums):  # type: ignore[no-untyped-def]
+def _sum_pieces(window, p, cofactors, variance, sums):  # type: ignore[no-untyped-def]
     """Fills sums (3,) of `robust_variance`."""
-    n = len(pixels)
+    n = window.shape[1]
     J, r, group = np.empty((PARAMETERS, n)), np.empty(n), np.empty(n, np.int64)
-    _linearise(grey, p, pixels, J, r)
+    _linearise(window, p, J, r)
     ca, sa, cb, sb = math.cos(p[2]), math.sin(p[2]), math.cos(p[3]), math.sin(p[3])
     furthest = 0
     for k in range(n):
-        dx, dy = pixels[k, 0] - p[0], pixels[k, 1] - p[1]
+        dx, dy = window[0, k] - p[0], window[1, k] - p[1]
         along_a, along_b = abs(ca * dx + sa * dy), abs(cb * dx + sb * dy)
         # A pixel belongs to the edge that it is nearer to, hence further along.
         edge = 0 if along_a > along_b else 1
@@ -289,30 +295,31 @@ def _sum_pieces(grey, p, pixels, cofactors, variance, sums):  # type: ignore[no-
 def _fit(grey, uv, steps, dark, radius, blur, zero):  # type: ignore[no-untyped-def]
     """Parameters (n, 11); (n, 2): standard deviation per axis in px (infinite where it failed) and of grey, taking
     residuals for noise; (n, 3) sums over pieces of edges."""
-    h, w = grey.shape
     n = len(uv)
     fitted = np.zeros((n, PARAMETERS))
     sigma = np.full((n, 2), np.inf)
     side = 2 * int(radius) + 4
-    pixels = np.empty((side * side, 2), np.int64)
+    pixels = np.empty((3, side * side))
     JtJ, L = np.empty((PARAMETERS, PARAMETERS)), np.empty((PARAMETERS, PARAMETERS))
     pieces, cofactors, prior = np.zeros((n, 3)), np.empty((PARAMETERS, PARAMETERS)), np.empty(2)
     for i in range(n):
         p, step = fitted[i], steps[i]
-        count = _window(h, w, uv[i], step, radius, zero, pixels)
-        _start(grey, pixels, count, uv[i], step, dark[i], p)
-        p[4] = math.log(blur)
+        count = _window(grey, uv[i], step, radius, zero, pixels)
         if count < LEAST_PIXELS:
+            p[:2] = uv[i]
             continue
+        window = pixels[:, :count].copy()
+        _start(window[2], uv[i], step, dark[i], blur, p)
+        # First to where it can be told whether the third moments matter, then all the way.
         prior[:] = FLAT_PX3**-2
-        cost = _descend(grey, pixels[:count], p, radius, prior, JtJ)
+        cost = _descend(window, p, radius, ROUGH_STEP_PX, prior, JtJ)
         variance = max(cost / (count - PARAMETERS + THIRD_MOMENTS), LEAST_VARIANCE)
         length = 2.0 * math.sqrt(count / math.pi)
         raster_a, raster_b = _raster(p[2], length), _raster(p[3], length)
         if p[4] > LEAST_LOG_MIXED and max(raster_a, raster_b) > LEAST_RASTER * RASTER_PX3:
             prior[0], prior[1] = variance / max(raster_a, FLAT_PX3) ** 2, variance / max(raster_b, FLAT_PX3) ** 2
-            cost = _descend(grey, pixels[:count], p, radius, prior, JtJ)
-            variance = max(cost / (count - PARAMETERS + THIRD_MOMENTS), LEAST_VARIANCE)
+        cost = _descend(window, p, radius, SMALL_STEP_PX, prior, JtJ)
+        variance = max(cost / (count - PARAMETERS + THIRD_MOMENTS), LEAST_VARIANCE)
         JtJ[4, 4] += variance / LOG_BLUR_SIGMA**2
         factor(JtJ, 0.0, L)
         invert(L, cofactors)
@@ -326,5 +333,5 @@ def _fit(grey, uv, steps, dark, radius, blur, zero):  # type: ignore[no-untyped-
             sigma[i, 0] = math.sqrt(spread)
             # Sharper edges show too little of their profile to tell a misfit from where they are.
             if p[4] > LEAST_LOG_MIXED:
-                _sum_pieces(grey, p, pixels[:count], cofactors, variance, pieces[i])
+                _sum_pieces(window, p, cofactors, variance, pieces[i])
     return fitted, sigma, pieces

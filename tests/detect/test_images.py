@@ -217,13 +217,14 @@ def test_an_exif_block_that_ends_early_says_nothing(tmp_path):
 def test_turned_photos_are_reported(tmp_path):
     board = cv2.cvtColor(cv2.resize(RAMP, (64, 64)), cv2.COLOR_GRAY2BGR)
     files = []
-    for number, asked in enumerate((1, 3, 3)):
+    for number, turn in enumerate((1, 3, 3)):
         files.append(tmp_path / f"{number}.png")
-        files[-1].write_bytes(with_orientation(board, ".png", asked))
-    assert notes_on_orientation(files[:1]) == []
-    (both,) = notes_on_orientation(files[1:])
+        files[-1].write_bytes(with_orientation(board, ".png", turn))
+    asked = [orientation_of(file) for file in files]
+    assert notes_on_orientation(asked[:1]) == []
+    (both,) = notes_on_orientation(asked[1:])
     assert both == "Images turned upright as their EXIF data say: 2 turned by 180 degrees, of 2."
-    (mixed,) = notes_on_orientation(files)
+    (mixed,) = notes_on_orientation(asked)
     assert "2 turned by 180 degrees, of 3. A camera that was held in different ways" in mixed
 
 

@@ -28,17 +28,22 @@ from calibrant.targets.target import Target
 Progress = Callable[[int, int, str], None]
 """Called after each image with how many are done, how many there are, and the file's name."""
 
+MOST_TOGETHER, LEAST_TASKS = 8, 30
+"""Images handed to a process at once: handing over costs as much as a tenth of a small image. With so many tasks at
+least, none waits long for another at the end."""
 MIRRORED_LOOKS = 3
 """Images that are tried in the mirror when none shows the target: a camera mirrors all or none."""
 
 
 @dataclass(frozen=True)
 class ImageDetection:
-    """What one file gave: size (width, height), or None and the reason in `detection` when it could not be read."""
+    """What one file gave: size (width, height), or None and the reason in `detection` when it could not be read;
+    orientation: EXIF's, 1 to 8."""
 
     file: Path
     size: tuple[int, int] | None
     detection: Detection
+    orientation: int = UPRIGHT
 
 
 def detect(
@@ -83,7 +88,7 @@ def detect(
     names = _ids([d.file for d in done])
     points, row_of = wanted.points, {int(label): row for row, label in enumerate(wanted.point_ids)}
     views = tuple(_view(d, names[d.file], points, row_of, camera) for d in found)
-    notes = [*notes_on_orientation([d.file for d in done if d.size is not None])]
+    notes = [*notes_on_orientation([d.orientation for d in done if d.size is not None])]
     notes += [note for d in done for note in d.detection.notes]
     return Observations(
         views=views,
@@ -107,16 +112,17 @@ def detect_file(file: Path, target: Target, mirror_x: bool, refinement: Refineme
     if mirror_x:
         grey = np.ascontiguousarray(grey[:, ::-1])
     h, w = grey.shape
-    return ImageDetection(file, (w, h), detector_for(target.kind, refinement).detect(grey, target))
+    detection = detector_for(target.kind, refinement).detect(grey, target)
+    return ImageDetection(file, (w, h), detection, orientation_of(file))
 
 
-def notes_on_orientation(files: Sequence[Path]) -> list[str]:
+def notes_on_orientation(orientations: Sequence[int]) -> list[str]:
     """What EXIF did to the images, where it turned any: the camera's axes are then those of the turned images."""
-    asked = Counter(orientation_of(file) for file in files)
+    asked = Counter(orientations)
     if set(asked) <= {UPRIGHT}:
         return []
     each = [f"{count} {WORDS[o]}" for o, count in sorted(asked.items()) if o != UPRIGHT]
-    text = f"Images turned upright as their EXIF data say: {', '.join(each)}, of {len(files)}."
+    text = f"Images turned upright as their EXIF data say: {', '.join(each)}, of {len(orientations)}."
     if len(asked) > 1:
         text += (
             " A camera that was held in different ways has its axes and its principal point at different places of the "
@@ -140,16 +146,20 @@ def _run(
         key = None if cache is None else key_of(file, target, mirror_x, refinement)
         known = None if cache is None or key is None else cache.get(key)
         if known is not None:
-            yield ImageDetection(file, *known)
+            yield ImageDetection(file, *known, orientation_of(file))
             continue
         todo.append(file)
         if key is not None:
             keys[file] = key
     with executor_for(workers, len(todo)) as executor:
-        mapping = map if executor is None else executor.map
         # Lists, not endless repeats: Dask's executor asks for their lengths.
-        options = ([target] * len(todo), [mirror_x] * len(todo), [refinement] * len(todo))
-        for result in mapping(detect_file, todo, *options):
+        tasks = (todo, [target] * len(todo), [mirror_x] * len(todo), [refinement] * len(todo))
+        if executor is None:
+            results: Iterator[ImageDetection] = map(detect_file, *tasks)
+        else:
+            together = max(1, min(MOST_TOGETHER, len(todo) // LEAST_TASKS))
+            results = executor.map(detect_file, *tasks, chunksize=together)
+        for result in results:
             if cache is not None and result.size is not None and result.file in keys:
                 cache.put(keys[result.file], result.size, result.detection)
             yield result

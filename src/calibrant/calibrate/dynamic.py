@@ -23,10 +23,10 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import chdtrc
 
 from calibrant.calibrate import dynamic_problem as joint
 from calibrant.calibrate.dynamic_problem import SOURCES, Sight, WristCamera
+from calibrant.calibrate.tails import chi2_tail
 from calibrant.calibrate.target_poses import target_poses
 from calibrant.cameras import Camera
 from calibrant.data import TransformEstimate, View
@@ -70,7 +70,7 @@ class Surprise:
     @property
     def chance(self) -> float:
         """Probability of as much disagreement from the noise alone."""
-        return float(chdtrc(self.freedom, max(self.chi_square, 0.0)))
+        return chi2_tail(self.freedom, max(self.chi_square, 0.0))
 
     @property
     def surprising(self) -> bool:

@@ -29,6 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from calibrant.calibrate.tails import f_tail
 from calibrant.cameras import Camera
 from calibrant.data import RobotPoses, TransformEstimate
 from calibrant.errors import InputError, RefusedError
@@ -166,15 +167,13 @@ def _student(spare: float) -> float:
 
 def _chances(residuals: Array, Q: Array, spare: float) -> Array:
     """Probability (n,) of residuals (n, d), of covariance Q (n, d, d), as large as these by noise alone; see above."""
-    from scipy.stats import f
-
     d = residuals.shape[1]
     if not np.any(residuals) or spare <= d:
         return np.ones(len(residuals))
     # A pose that alone tells something leaves nothing of its residual in that direction: Q is singular there.
     T = np.einsum("ni,nij,nj->n", residuals, np.linalg.pinv(Q, rcond=1e-9, hermitian=True), residuals)
     T = np.minimum(T, spare * (1 - 1e-12))
-    return np.asarray(f.sf(T / d * (spare - d) / (spare - T), d, spare - d))
+    return f_tail(d, spare - d, T / d * (spare - d) / (spare - T))
 
 
 def _root(camera: Camera, base_camera: TransformEstimate, covariance: ArrayLike | None) -> Array:

@@ -54,16 +54,23 @@ class PoseReading:
     times: Array | None = None
 
     @property
+    def rotation_words(self) -> str:
+        """How the rotations are written, in words."""
+        if self.rotation in _ROTATION_WORDS:
+            return _ROTATION_WORDS[self.rotation]
+        notation = "rotation vectors" if self.rotation == "rotvec" else _euler_words(self.rotation, self.by_axis_names)
+        return f"{notation} in {'degrees' if self.angle == 'deg' else 'radians'}"
+
+    @property
+    def written(self) -> str:
+        """How the numbers are written, in words: the reading but for the direction."""
+        return f"positions in {self.units}, {self.rotation_words}"
+
+    @property
     def description(self) -> str:
         """The reading in words."""
-        rotation = _ROTATION_WORDS.get(self.rotation, "")
-        if not rotation:
-            notation = (
-                "rotation vectors" if self.rotation == "rotvec" else _euler_words(self.rotation, self.by_axis_names)
-            )
-            rotation = f"{notation} in {'degrees' if self.angle == 'deg' else 'radians'}"
         way = "T_base_gripper" if self.direction == "base-gripper" else "T_gripper_base (inverted)"
-        return f"positions in {self.units}, {rotation}, {way}"
+        return f"{self.written}, {way}"
 
     @property
     def notation(self) -> tuple[str, str, bool]:

@@ -27,8 +27,8 @@ GROSS_FLOOR = (1e-6, 1e-5)
 MOST_GROSS = 1 / 3
 """At most this share of the views may be set aside: beyond it the fault is not in single views."""
 
-MOST_FOR_CONSENSUS = 200
-"""Beyond it single views hardly pull a closed form, and the consensus' tables of all pairs take time."""
+LONG_SESSION = 200
+"""Poses beyond which single views hardly pull a closed form."""
 MOST_FOR_START = 60
 """Poses of a longer session that a start is solved from: their 1770 motions put it within a fraction of the noise of a
 single pose, from where the refinement over all poses ends at the same place. It is judged by all of them."""
@@ -74,7 +74,7 @@ def _without_gross(A: Array, B: Array, certainty: Array, limit: int) -> NDArray[
     Closed forms are pulled by every wrong view: with several, each round of all solvers would find one.
     """
     everything = np.ones(len(A), dtype=bool)
-    if limit == 0 or len(A) > MOST_FOR_CONSENSUS:
+    if limit == 0 or len(A) > LONG_SESSION:
         return everything
     loop = loop_consistency(A, B, robust_fit(A, B, certainty=certainty).X)
     gross = _ratios(loop, certainty) > GROSS_SIGMAS
@@ -92,7 +92,7 @@ def seed_of_all(A: Array, B: Array) -> Seed:
 
 def _most_consistent(A: Array, B: Array) -> tuple[Array, Array, str]:
     best: tuple[float, Array, Array, str] | None = None
-    rows = sample(len(A), MOST_FOR_START if len(A) > MOST_FOR_CONSENSUS else len(A))
+    rows = sample(len(A), MOST_FOR_START if len(A) > LONG_SESSION else len(A))
     pairs = PosePairs(A[rows], B[rows])
     refusals = []
     for name in SEEDING:

@@ -11,6 +11,7 @@ from calibrant.data.results import Status
 
 if TYPE_CHECKING:
     from calibrant.diagnose.doctor.case import Case
+    from calibrant.diagnose.hypotheses import Alternative
 
 Repair = Callable[["Case"], "Case"]
 
@@ -21,6 +22,11 @@ class Loop:
 
     mm: float
     deg: float
+
+    @classmethod
+    def of(cls, hypothesis: Alternative) -> Loop:
+        """The loop as a reading of the poses closes it."""
+        return cls(hypothesis.loop_rms_mm, hypothesis.loop_rms_deg)
 
     @property
     def text(self) -> str:

@@ -191,8 +191,8 @@ def _conventions(decision: ConventionDecision, first: PoseReading) -> list[Findi
     if r.rotation not in ("quat-xyzw", "matrix"):
         other = (first.rotation, first.angle) != (r.rotation, r.angle)
         plain = _loop_of(decision, chosen, rotation=first.rotation, angle=first.angle) if other else None
-        words = r.description.split(", ", 1)[1].rsplit(", T_", 1)[0]
-        found.append(_convention("pose-rotation", f"rotations are {words}, read so", r, chosen, plain, decision))
+        words = f"rotations are {r.rotation_words}, read so"
+        found.append(_convention("pose-rotation", words, r, chosen, plain, decision))
     return found
 
 
@@ -201,7 +201,7 @@ def _loop_of(decision: ConventionDecision, chosen: Alternative, **changed: str) 
     wanted = {key: getattr(chosen.reading, key) for key in ("units", "rotation", "angle", "direction")} | changed
     for a in decision.alternatives:
         if a.setup == chosen.setup and all(getattr(a.reading, key) == value for key, value in wanted.items()):
-            return Loop(a.loop_rms_mm, a.loop_rms_deg)
+            return Loop.of(a)
     return None
 
 
@@ -213,7 +213,7 @@ def _convention(
     plain: Loop | None,
     decision: ConventionDecision,
 ) -> Finding:
-    after = Loop(chosen.loop_rms_mm, chosen.loop_rms_deg)
+    after = Loop.of(chosen)
     evidence = None if plain is None else Evidence(plain, after)
     text = words if evidence is None else f"{words}: {evidence.text}"
     against = "; ".join(reading.contradicts)

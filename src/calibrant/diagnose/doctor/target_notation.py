@@ -88,25 +88,17 @@ def _refuse_rivals(chosen: _Candidate, candidates: Sequence[_Candidate]) -> None
         if p > EQUAL_P or ratio < EQUAL_RATIO:
             raise RefusedError(
                 "the target poses can be read in two ways that fit equally well and lead to different results: "
-                f"{_words(chosen.reading)} (loop {chosen.best.loop_text}) and {_words(rival.reading)} (loop "
+                f"{chosen.reading.written} (loop {chosen.best.loop_text}) and {rival.reading.written} (loop "
                 f"{rival.best.loop_text}); say which: --target-pose-rotation {chosen.reading.rotation} or "
                 f"{rival.reading.rotation}"
             )
 
 
 def _finding(chosen: _Candidate, first: _Candidate) -> Finding:
-    evidence = Evidence(_loop(first.best), _loop(chosen.best))
+    evidence = Evidence(Loop.of(first.best), Loop.of(chosen.best))
     against = "; ".join(chosen.reading.contradicts)
-    message = f"the target poses are {_words(chosen.reading)}, read so: {evidence.text}"
+    message = f"the target poses are {chosen.reading.written}, read so: {evidence.text}"
     _, p = loop_f_test(chosen.best, first.best)
     if against:
         return Finding("target-pose-rotation", "warn", f"{message} ({against})", confidence(p), evidence)
     return Finding("target-pose-rotation", "ok", message, confidence(p), evidence)
-
-
-def _loop(a: Alternative) -> Loop:
-    return Loop(a.loop_rms_mm, a.loop_rms_deg)
-
-
-def _words(reading: PoseReading) -> str:
-    return reading.description.rsplit(", T_", 1)[0]

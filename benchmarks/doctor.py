@@ -183,15 +183,15 @@ DATA_SETS: dict[str, tuple[Callable[[], Sample], tuple[int, int], tuple[int, int
 """Loader; sizes (from, below) of clean subsets; sizes of subsets that are corrupted."""
 
 
-def diagnosed(text: Text, sample: Sample, folder: Path) -> Diagnosis:
-    """The doctor on poses written to a file, as a user hands them over."""
+def diagnosed(text: Text, sample: Sample, folder: Path, *, known: bool = False) -> Diagnosis:
+    """The doctor on poses written to a file, as a user hands them over; known: the camera was given."""
     path = folder / "poses.csv"
     rows = "\n".join(f"{i}," + ",".join(repr(float(x)) for x in row) for i, row in zip(sample.ids, text.numbers))
     path.write_text(f"image,{text.header}\n{rows}\n")
     complete = readings(read_poses(path))
     if sample.B is not None:
         return diagnose_poses(complete, sample.B)
-    return diagnose_views(complete, sample.observations, sample.camera)
+    return diagnose_views(complete, sample.observations, sample.camera, camera_given=known)
 
 
 def result_of(calibrate: Callable[[], CalibrationResult]) -> CalibrationResult:

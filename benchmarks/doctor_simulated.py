@@ -21,17 +21,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from doctor import ABOUT_MOTIONS, FAULTS, Sample, Text, distance, native, reference, result_of
+from doctor import ABOUT_MOTIONS, FAULTS, Sample, Text, diagnosed, distance, native, reference, result_of
 from doctor_worlds import SOURCES, Source, World, about_one_axis, by_five_joints, draw_world, without_turns
 from numpy.typing import NDArray
 from scipy.special import betaincinv
 
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult
-from calibrant.diagnose.doctor.diagnosis import Diagnosis, diagnose_poses, diagnose_views
+from calibrant.diagnose.doctor.diagnosis import Diagnosis
 from calibrant.diagnose.doctor.repair import calibrate_repaired
 from calibrant.errors import CalibrantError
-from calibrant.formats.poses import read_poses, readings
 from calibrant.geometry import se3, so3
 
 Array = NDArray[np.float64]
@@ -127,17 +126,6 @@ KINDS = {
     "pure translation": _by_motion(("pure-translation",), _motion(without_turns)),
     "two poses": _by_motion(("poses",), _two_poses),
 }
-
-
-def diagnosed(text: Text, s: Sample, folder: Path, *, known: bool) -> Diagnosis:
-    """The doctor on poses written to a file, as a user hands them over."""
-    path = folder / "poses.csv"
-    rows = "\n".join(f"{i}," + ",".join(repr(float(x)) for x in row) for i, row in zip(s.ids, text.numbers))
-    path.write_text(f"image,{text.header}\n{rows}\n")
-    complete = readings(read_poses(path))
-    if s.B is not None:
-        return diagnose_poses(complete, s.B)
-    return diagnose_views(complete, s.observations, s.camera, camera_given=known)
 
 
 def alarms(diagnosis: Diagnosis) -> list[str]:

@@ -3,6 +3,11 @@
 Before it looks into its cache, Numba brings the implementations of all of Python's and NumPy's functions, SciPy's
 linear algebra among them: half a second. A function that is found there needs none of them, only Numba's runtime to
 link against. One that is not found is compiled as ever: the compiler brings them itself.
+
+The same picture gives the same digits in every process, although each holds some functions that it compiled and some
+that another did. Where `fastmath` lets sums be reordered, that takes two things. Such a function, and each that calls
+it from compiled code, has forceinline=True: otherwise the linker picks one of several copies, each optimised in
+another surrounding. And it has no `**`: Numba compiles that once a process, as its first caller allows.
 """
 
 from __future__ import annotations
@@ -21,17 +26,27 @@ def compiled(signature: Any, **options: Any) -> Callable[[Callable[..., Any]], A
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
-        dispatcher = njit(cache=True, nogil=True, error_model="numpy", **options)(function)
-        target = dispatcher.targetctx
-        dispatcher.targetctx = _Linking(target)
-        try:
-            dispatcher.compile(signature)
-        finally:
-            dispatcher.targetctx = target
+        dispatcher = _from_cache(function, signature, options)
+        if dispatcher.stats.cache_misses:
+            # What was just compiled comes from the cache as well: linked into a caller it gives other machine code than
+            # its cached form does, and where sums may be reordered, other last digits from one process to the next.
+            dispatcher = _from_cache(function, signature, options)
         dispatcher.disable_compile()
         return dispatcher
 
     return decorate
+
+
+def _from_cache(function: Callable[..., Any], signature: Any, options: dict[str, Any]) -> Any:
+    """A dispatcher with the function of the cache, or with a new one that the cache then holds."""
+    dispatcher = njit(cache=True, nogil=True, error_model="numpy", **options)(function)
+    target = dispatcher.targetctx
+    dispatcher.targetctx = _Linking(target)
+    try:
+        dispatcher.compile(signature)
+    finally:
+        dispatcher.targetctx = target
+    return dispatcher
 
 
 class _Linking:

@@ -15,8 +15,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from calibrant.compiled import compiled
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -81,7 +82,7 @@ _KERNEL = np.exp(-0.5 * (np.arange(-2, 3) / SMOOTHING_PX) ** 2)
 _K0, _K1, _K2 = (np.float32(_KERNEL[2 + k] / _KERNEL.sum()) for k in range(3))
 
 
-@njit("float32[:, ::1](uint8[:, ::1])", cache=True, nogil=True, fastmath={"contract"})
+@compiled("float32[:, ::1](uint8[:, ::1])", fastmath={"contract"})
 def _smooth(level):  # type: ignore[no-untyped-def]
     """The image blurred by SMOOTHING_PX, mirrored beyond its border."""
     h, w = level.shape
@@ -105,7 +106,7 @@ def _saddles(image: Image, least: float) -> tuple[Array, Array]:
     return _centres(image, *_maxima(image, np.float32(least)))
 
 
-@njit("void(float32[:, ::1], int64, float32[::1])", cache=True, nogil=True, fastmath={"contract"})
+@compiled("void(float32[:, ::1], int64, float32[::1])", fastmath={"contract"}, forceinline=True)
 def _respond(image, y, response):  # type: ignore[no-untyped-def]
     """Fills S of row y of the image but for its ends."""
     above, here, below = image[y - 1], image[y], image[y + 1]
@@ -117,7 +118,7 @@ def _respond(image, y, response):  # type: ignore[no-untyped-def]
         response[x] = np.float32(1 / 16) * xy * xy - xx * yy
 
 
-@njit("boolean(float32[::1], float32[::1], float32[::1], int64)", cache=True, nogil=True)
+@compiled("boolean(float32[::1], float32[::1], float32[::1], int64)")
 def _has_equal_before(highest, above, here, x):  # type: ignore[no-untyped-def]
     """Whether the same response stands at an earlier pixel, row by row, within two pixels."""
     for u in range(x - 2, x + 3):
@@ -126,7 +127,7 @@ def _has_equal_before(highest, above, here, x):  # type: ignore[no-untyped-def]
     return False
 
 
-@njit("UniTuple(int64[::1], 2)(float32[:, ::1], float32)", cache=True, nogil=True, fastmath={"nnan", "nsz"})
+@compiled("UniTuple(int64[::1], 2)(float32[:, ::1], float32)", fastmath={"nnan", "nsz"})
 def _maxima(image, least):  # type: ignore[no-untyped-def]
     """x and y of the pixels where S is above `least` and largest within two pixels, off the margin."""
     h, w = image.shape
@@ -160,12 +161,7 @@ def _maxima(image, least):  # type: ignore[no-untyped-def]
     return xs[:n].copy(), ys[:n].copy()
 
 
-@njit(
-    "Tuple((float64[:, ::1], float64[::1]))(float32[:, ::1], int64[::1], int64[::1])",
-    cache=True,
-    nogil=True,
-    error_model="numpy",
-)
+@compiled("Tuple((float64[:, ::1], float64[::1]))(float32[:, ::1], int64[::1], int64[::1])")
 def _centres(image, xs, ys):  # type: ignore[no-untyped-def]
     """Where the gradient vanishes near each pixel: (n, 2), and S; without those where it vanishes elsewhere."""
     found, strength = np.empty((len(xs), 2)), np.empty(len(xs))
@@ -193,7 +189,7 @@ _ANGLES = 2 * np.pi * np.arange(RING_SAMPLES) / RING_SAMPLES
 _RING = RING_RADIUS_PX * np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
 
 
-@njit("float64(float32[:, ::1], float64, float64, float64[::1])", cache=True, nogil=True, inline="always")
+@compiled("float64(float32[:, ::1], float64, float64, float64[::1])", inline="always")
 def _ring(image, cx, cy, values):  # type: ignore[no-untyped-def]
     """Fills values (RING_SAMPLES,) on the circle around a centre, bilinear; their mean."""
     total = 0.0
@@ -209,12 +205,7 @@ def _ring(image, cx, cy, values):  # type: ignore[no-untyped-def]
     return total / RING_SAMPLES
 
 
-@njit(
-    "Tuple((boolean[::1], float64[:, ::1], float64[::1]))(float32[:, ::1], float64[:, ::1])",
-    cache=True,
-    nogil=True,
-    error_model="numpy",
-)
+@compiled("Tuple((boolean[::1], float64[:, ::1], float64[::1]))(float32[:, ::1], float64[:, ::1])")
 def _ring_tests(image, xy):  # type: ignore[no-untyped-def]
     """Which centres (n, 2) look like corners, their axes (n, 2) and contrast (n,)."""
     n = len(xy)

@@ -11,9 +11,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from calibrant.compiled import compiled
 from calibrant.detect.chessboard_corners import Corners
 from calibrant.detect.chessboard_snap import by_rows, drop_misfits, snap
 
@@ -84,7 +84,7 @@ def _walks(links: NDArray[np.int32], *, least: int) -> list[Walk]:
     return walks
 
 
-@njit("int64[:, ::1](int64, int32[:, ::1], boolean[::1], int64[:, ::1])", cache=True, nogil=True)
+@compiled("int64[:, ::1](int64, int32[:, ::1], boolean[::1], int64[:, ::1])")
 def _walk(seed, links, seen, taken):  # type: ignore[no-untyped-def]
     """All corners linked to one; a link that contradicts the places already known is left out.
 

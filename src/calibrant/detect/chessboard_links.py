@@ -14,9 +14,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from calibrant.compiled import compiled
 from calibrant.detect.chessboard_corners import Corners
 
 ANGLE_TOLERANCE = math.radians(16)
@@ -36,7 +36,7 @@ def neighbours(corners: Corners) -> NDArray[np.int32]:
     return _mutual(nearest)
 
 
-@njit("boolean(float32[:, ::1], float64, float64, float64, float64, float64)", cache=True, nogil=True)
+@compiled("boolean(float32[:, ::1], float64, float64, float64, float64, float64)")
 def edge_between(image, x0, y0, x1, y1, least):  # type: ignore[no-untyped-def]
     """Whether the side to which one turns (x towards y) is darker than the other by 2 `least` all along p0 -> p1."""
     h, w = image.shape
@@ -56,7 +56,7 @@ def edge_between(image, x0, y0, x1, y1, least):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit("int32[:, ::1](float32[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1], float64)", cache=True, nogil=True)
+@compiled("int32[:, ::1](float32[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1], float64)")
 def _nearest(image, xy, axes, contrast, bin_size):  # type: ignore[no-untyped-def]
     """Nearest corner (n, 4) in each port's direction that fits, as from * 4 + port of its own; -1 for none."""
     n = len(xy)

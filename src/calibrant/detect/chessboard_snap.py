@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from calibrant.compiled import compiled
 from calibrant.detect.chessboard_links import edge_between
 
 SNAP = 0.25
@@ -25,7 +25,7 @@ LEAST_DIFFERENCE = 2.0
 """Grey levels between dark and light squares: above the rounding of 8 bits."""
 
 
-@njit("UniTuple(float64, 3)(float64[:, :, ::1], int64, int64, int64, int64)", cache=True, nogil=True)
+@compiled("UniTuple(float64, 3)(float64[:, :, ::1], int64, int64, int64, int64)")
 def _along(xy, row, column, dr, dc):  # type: ignore[no-untyped-def]
     """(x, y, weight) that the line leaving (row, column) by (dr, dc) predicts for it; weight 0 when it cannot."""
     rows, columns = xy.shape[:2]
@@ -49,7 +49,7 @@ def _along(xy, row, column, dr, dc):  # type: ignore[no-untyped-def]
     return p[0, 0] + ratio * x1, p[0, 1] + ratio * y1, float(known)
 
 
-@njit("boolean(float64[:, :, ::1], int64, int64, float64[::1])", cache=True, nogil=True)
+@compiled("boolean(float64[:, :, ::1], int64, int64, float64[::1])")
 def predict(xy, row, column, out):  # type: ignore[no-untyped-def]
     """Fills out with x, y, and the steps ux, uy to the next column, vx, vy to the next row; False when unknown."""
     rows, columns = xy.shape[:2]
@@ -104,7 +104,7 @@ def predict(xy, row, column, out):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit("float64[:, ::1](float64[:, :, ::1], boolean[:, ::1])", cache=True, nogil=True)
+@compiled("float64[:, ::1](float64[:, :, ::1], boolean[:, ::1])")
 def steps_at(xy, wanted):  # type: ignore[no-untyped-def]
     """Steps ux, uy, vx, vy (n, 4) as from `predict` at the wanted corners, row by row; 0 where they are not known."""
     steps = np.zeros((wanted.sum(), 4))
@@ -119,7 +119,7 @@ def steps_at(xy, wanted):  # type: ignore[no-untyped-def]
     return steps
 
 
-@njit("boolean(float32[:, ::1], float64, float64, float64[::1], boolean, float64)", cache=True, nogil=True)
+@compiled("boolean(float32[:, ::1], float64, float64, float64[::1], boolean, float64)")
 def looks_like_corner(image, x, y, step, dark, contrast):  # type: ignore[no-untyped-def]
     """Whether the four squares around (x, y) alternate clearly, both near to it and far.
 
@@ -143,11 +143,7 @@ def looks_like_corner(image, x, y, step, dark, contrast):  # type: ignore[no-unt
     return difference >= max(LEAST_CONTRAST * contrast * (darkest_light + lightest_dark), LEAST_DIFFERENCE)
 
 
-@njit(
-    "boolean(float32[:, ::1], float64[:, :, ::1], int64, int64, float64, float64, boolean, float64)",
-    cache=True,
-    nogil=True,
-)
+@compiled("boolean(float32[:, ::1], float64[:, :, ::1], int64, int64, float64, float64, boolean, float64)")
 def edges_arrive(image, xy, row, column, x, y, dark, contrast):  # type: ignore[no-untyped-def]
     """Whether an edge of the right colours leads from (x, y) all the way to each neighbour that is known.
 
@@ -173,7 +169,7 @@ def edges_arrive(image, xy, row, column, x, y, dark, contrast):  # type: ignore[
     return True
 
 
-@njit("Tuple((float64[:, ::1], int64[::1]))(float64[:, ::1], int64)", cache=True, nogil=True)
+@compiled("Tuple((float64[:, ::1], int64[::1]))(float64[:, ::1], int64)")
 def by_rows(xy, height):  # type: ignore[no-untyped-def]
     """Points (m, 2) in the order of the image's rows they lie in, and where each of its rows begins, (height + 1,)."""
     first = np.zeros(height + 1, np.int64)
@@ -189,11 +185,7 @@ def by_rows(xy, height):  # type: ignore[no-untyped-def]
     return ordered, first
 
 
-@njit(
-    "int64(float64[:, :, ::1], boolean[:, ::1], boolean, float64, float32[:, ::1], float64[:, ::1], int64[::1])",
-    cache=True,
-    nogil=True,
-)
+@compiled("int64(float64[:, :, ::1], boolean[:, ::1], boolean, float64, float32[:, ::1], float64[:, ::1], int64[::1])")
 def snap(xy, wanted, dark, contrast, image, pool, first):  # type: ignore[no-untyped-def]
     """Sets the `wanted` corners of a grid xy where a saddle lies as predicted; how many were set.
 
@@ -236,7 +228,7 @@ def snap(xy, wanted, dark, contrast, image, pool, first):  # type: ignore[no-unt
     return count
 
 
-@njit("int64(float64[:, :, ::1], boolean, float64, float32[:, ::1])", cache=True, nogil=True)
+@compiled("int64(float64[:, :, ::1], boolean, float64, float32[:, ::1])")
 def drop_misfits(xy, dark, contrast, image):  # type: ignore[no-untyped-def]
     """Unsets corners that lie elsewhere than their neighbours say, or whose squares do not alternate; how many."""
     rows, columns = xy.shape[:2]

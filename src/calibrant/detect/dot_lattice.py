@@ -12,10 +12,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from calibrant.compiled import compiled
 from calibrant.detect.spots import Spots
 
 Array = NDArray[np.float64]
@@ -114,11 +114,8 @@ def _grow(spots: Spots, seed: int, steps: Array, largest: float) -> Lattice:
     return Lattice(cells, index, big)
 
 
-@njit(
-    "Tuple((int64[:, ::1], int64[::1], boolean[::1]))(float64[:, ::1], float64[::1], int64, float64[:, ::1], float64)",
-    cache=True,
-    nogil=True,
-    error_model="numpy",
+@compiled(
+    "Tuple((int64[:, ::1], int64[::1], boolean[::1]))(float64[:, ::1], float64[::1], int64, float64[:, ::1], float64)"
 )
 def _reach(uv, area, seed, steps, largest):  # type: ignore[no-untyped-def]
     """Cells (m, 2), spots (m,) and which are big (m,), breadth first from a seed with its two steps (2, 2)."""

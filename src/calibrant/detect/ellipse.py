@@ -23,9 +23,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from calibrant.compiled import compiled
 from calibrant.detect.blurred_step import step_and_bell
 from calibrant.detect.normal_equations import factor, products, solve
 from calibrant.detect.robust_variance import GROUP_PX, sum_groups, variance_ratio
@@ -86,12 +86,10 @@ def _roots(shape: Array) -> Array:
     return np.stack([np.sqrt(np.maximum(P[:, 0, 0] - b**2, 1e-12)), b, c2], axis=1)
 
 
-@njit(
+@compiled(
     "float64(float64[:, ::1], float64[::1], float64[:, ::1], float64[::1])",
-    cache=True,
-    nogil=True,
-    error_model="numpy",
     fastmath={"contract", "reassoc", "arcp", "nsz"},
+    forceinline=True,
 )
 def _linearise(window, p, J, r):  # type: ignore[no-untyped-def]
     """Fills J (10, n) and r (n,) from the window's x, y and grey, (3, n); returns the sum of squared residuals.
@@ -136,12 +134,7 @@ def _linearise(window, p, J, r):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(
-    "float64[:, ::1](uint8[:, ::1], float64, float64[::1], float64, float64)",
-    cache=True,
-    nogil=True,
-    error_model="numpy",
-)
+@compiled("float64[:, ::1](uint8[:, ::1], float64, float64[::1], float64, float64)")
 def _band(grey, darkness, p, band, room):  # type: ignore[no-untyped-def]
     """x, y and grey above darkness, (3, n), of pixels within `band` px of the outline and within `room` half axes."""
     h, w = grey.shape
@@ -173,12 +166,7 @@ def _band(grey, darkness, p, band, room):  # type: ignore[no-untyped-def]
     return window[:, :count].copy()
 
 
-@njit(
-    "float64(float64[:, ::1], float64[::1], float64[:, ::1], float64)",
-    cache=True,
-    nogil=True,
-    error_model="numpy",
-)
+@compiled("float64(float64[:, ::1], float64[::1], float64[:, ::1], float64)", forceinline=True)
 def _descend(window, p, JtJ, enough):  # type: ignore[no-untyped-def]
     """Levenberg-Marquardt on p, in place, until steps fall below `enough` px; fills J^T J there; returns the cost."""
     n = window.shape[1]
@@ -209,12 +197,7 @@ def _descend(window, p, JtJ, enough):  # type: ignore[no-untyped-def]
     return cost
 
 
-@njit(
-    "void(float64[:, ::1], float64[::1], float64[:, ::1], float64, float64[::1])",
-    cache=True,
-    nogil=True,
-    error_model="numpy",
-)
+@compiled("void(float64[:, ::1], float64[::1], float64[:, ::1], float64, float64[::1])", forceinline=True)
 def _sum_arcs(window, p, cofactors, variance, sums):  # type: ignore[no-untyped-def]
     """Fills sums (3,) of `robust_variance`."""
     n = window.shape[1]
@@ -229,11 +212,8 @@ def _sum_arcs(window, p, cofactors, variance, sums):  # type: ignore[no-untyped-
     sum_groups(J, r, cofactors, group, count, variance, sums)
 
 
-@njit(
-    "UniTuple(float64[:, ::1], 3)(uint8[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1], float64, float64)",
-    cache=True,
-    nogil=True,
-    error_model="numpy",
+@compiled(
+    "UniTuple(float64[:, ::1], 3)(uint8[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1], float64, float64)"
 )
 def _fit(grey, uv, roots, room, blur, darkness):  # type: ignore[no-untyped-def]
     """Parameters (n, 10); (n, 2): standard deviation per axis in px (infinite where it failed) and of grey, taking

@@ -21,9 +21,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from calibrant.compiled import compiled
 from calibrant.detect.noise import noise_variance, raster_variance
 from calibrant.detect.saddle import Refined
 
@@ -52,12 +52,7 @@ def refine(grey: Grey, uv: Array, half_px: Array, *, zero_zone_px: float = 0.0) 
     )
 
 
-@njit(
-    "void(uint8[:, ::1], float64, float64, float64, float64, float64[::1])",
-    cache=True,
-    nogil=True,
-    error_model="numpy",
-)
+@compiled("void(uint8[:, ::1], float64, float64, float64, float64, float64[::1])")
 def _equations(grey, x, y, half, zero, sums):  # type: ignore[no-untyped-def]
     """Fills sums (6,): N_xx, N_xy, N_yy, N (p - start) as two, and the number of pixels."""
     h, w = grey.shape
@@ -80,12 +75,7 @@ def _equations(grey, x, y, half, zero, sums):  # type: ignore[no-untyped-def]
             sums[5] += 1.0
 
 
-@njit(
-    "float64(uint8[:, ::1], float64, float64, float64, float64, float64)",
-    cache=True,
-    nogil=True,
-    error_model="numpy",
-)
+@compiled("float64(uint8[:, ::1], float64, float64, float64, float64, float64)")
 def _spread(grey, x, y, half, zero, variance):  # type: ignore[no-untyped-def]
     """Variance of the corner per axis, px^2, for noise of a variance."""
     h, w = grey.shape
@@ -136,12 +126,7 @@ def _spread(grey, x, y, half, zero, variance):  # type: ignore[no-untyped-def]
     return 0.5 * (var_x + var_y)
 
 
-@njit(
-    "float64[:, ::1](uint8[:, ::1], float64[:, ::1], float64[::1], float64)",
-    cache=True,
-    nogil=True,
-    error_model="numpy",
-)
+@compiled("float64[:, ::1](uint8[:, ::1], float64[:, ::1], float64[::1], float64)")
 def _fit(grey, uv, half, zero):  # type: ignore[no-untyped-def]
     """Rows (n, 5): x, y, sigma per axis (infinite where it failed), noise and half contrast, grey levels."""
     h, w = grey.shape

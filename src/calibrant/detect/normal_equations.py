@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from calibrant.compiled import compiled
 
 
-@njit(
+@compiled(
     "void(float64[:, ::1], float64[::1], float64[:, ::1], float64[::1])",
-    cache=True,
-    nogil=True,
     fastmath={"contract", "reassoc"},
+    forceinline=True,
 )
 def products(J, r, JtJ, Jtr):  # type: ignore[no-untyped-def]
     """Fills JtJ (p, p) and Jtr (p,) from J (p, n) and r (n,): sums run along neighbours in memory."""
@@ -29,7 +29,7 @@ def products(J, r, JtJ, Jtr):  # type: ignore[no-untyped-def]
             JtJ[j, i] = total
 
 
-@njit("void(float64[:, ::1], float64, float64[:, ::1])", cache=True, nogil=True, error_model="numpy")
+@compiled("void(float64[:, ::1], float64, float64[:, ::1])")
 def factor(A, damping, L):  # type: ignore[no-untyped-def]
     """Fills L with the lower Cholesky factor of A + damping diag(A)."""
     for i in range(len(A)):
@@ -43,7 +43,7 @@ def factor(A, damping, L):  # type: ignore[no-untyped-def]
             L[i, j] = math.sqrt(max(total, 1e-12)) if i == j else total / L[j, j]
 
 
-@njit("void(float64[:, ::1], float64[::1], float64[::1])", cache=True, nogil=True, error_model="numpy")
+@compiled("void(float64[:, ::1], float64[::1], float64[::1])")
 def solve(L, b, x):  # type: ignore[no-untyped-def]
     """Fills x with the solution of L L^T x = b."""
     n = len(b)
@@ -59,7 +59,7 @@ def solve(L, b, x):  # type: ignore[no-untyped-def]
         x[i] = total / L[i, i]
 
 
-@njit("void(float64[:, ::1], float64[:, ::1])", cache=True, nogil=True, error_model="numpy")
+@compiled("void(float64[:, ::1], float64[:, ::1])")
 def invert(L, inverse):  # type: ignore[no-untyped-def]
     """Fills inverse with that of L L^T."""
     unit = np.zeros(len(L))

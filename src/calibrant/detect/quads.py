@@ -16,9 +16,9 @@ import math
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from calibrant.compiled import compiled
 from calibrant.detect.detection import Grey
 
 Array = NDArray[np.float64]
@@ -62,7 +62,7 @@ def find_quads(level: Grey, *, window_px: int = WINDOW_PX, contrast: int = CONTR
     return _quads(_around_crossings(dark))
 
 
-@njit("void(uint8[:, ::1], uint8[:, ::1], uint8[:, ::1], int64, float32, uint8[:, ::1])", cache=True, nogil=True)
+@compiled("void(uint8[:, ::1], uint8[:, ::1], uint8[:, ::1], int64, float32, uint8[:, ::1])")
 def _threshold(level, low, high, contrast, part, dark):  # type: ignore[no-untyped-def]
     """Sets dark[y + 1, x + 1] to 1 where a pixel is below that part of the way between its surroundings' extremes."""
     h, w = level.shape
@@ -77,7 +77,7 @@ def _threshold(level, low, high, contrast, part, dark):  # type: ignore[no-untyp
 UPPER_LEFT, UPPER_RIGHT, LOWER_RIGHT, LOWER_LEFT, WALKED = 1, 2, 4, 8, 16
 
 
-@njit("uint8[:, ::1](uint8[:, ::1])", cache=True, nogil=True)
+@compiled("uint8[:, ::1](uint8[:, ::1])")
 def _around_crossings(dark):  # type: ignore[no-untyped-def]
     """Which of the four pixels around each crossing are dark, (h + 1, w + 1), of a mask with a border of one pixel."""
     crossing = np.empty((dark.shape[0] - 1, dark.shape[1] - 1), np.uint8)
@@ -88,7 +88,7 @@ def _around_crossings(dark):  # type: ignore[no-untyped-def]
     return crossing
 
 
-@njit("int64(uint8[::1], int64, int64, int32[::1])", cache=True, nogil=True)
+@compiled("int64(uint8[::1], int64, int64, int32[::1])")
 def _walk(crossing, stride, start, at):  # type: ignore[no-untyped-def]
     """Walks the outline that goes up from a crossing; the crossings go to `at` as far as there is room; how many.
 
@@ -133,7 +133,7 @@ def _walk(crossing, stride, start, at):  # type: ignore[no-untyped-def]
             return length
 
 
-@njit("int64(int32[::1], int64, int64, float64[::1], float64[::1])", cache=True, nogil=True, error_model="numpy")
+@compiled("int64(int32[::1], int64, int64, float64[::1], float64[::1])")
 def _middles(at, length, stride, xs, ys):  # type: ignore[no-untyped-def]
     """Fills xs, ys with the middles of an outline's cracks, px; the area inside, negative for a hole.
 
@@ -157,7 +157,7 @@ def _middles(at, length, stride, xs, ys):  # type: ignore[no-untyped-def]
     return 0 if winding or little else area
 
 
-@njit("Tuple((int64, float64))(float64[::1], float64[::1], int64, int64, int64)", cache=True, nogil=True)
+@compiled("Tuple((int64, float64))(float64[::1], float64[::1], int64, int64, int64)")
 def _farthest(x, y, n, start, stop):  # type: ignore[no-untyped-def]
     """Position between start and stop that lies farthest from their chord, and how far."""
     x0, y0 = x[start % n], y[start % n]
@@ -172,7 +172,7 @@ def _farthest(x, y, n, start, stop):  # type: ignore[no-untyped-def]
     return at, best / size
 
 
-@njit("boolean(float64[::1], float64[::1], int64, int64[::1])", cache=True, nogil=True, error_model="numpy")
+@compiled("boolean(float64[::1], float64[::1], int64, int64[::1])")
 def _four_corners(x, y, n, corner):  # type: ignore[no-untyped-def]
     """Fills corner (5,) with ascending positions, the last being the first plus n; False when two are one."""
     cx, cy = 0.0, 0.0
@@ -206,7 +206,7 @@ def _four_corners(x, y, n, corner):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit("float64(float64[::1], float64[::1], int64[::1])", cache=True, nogil=True)
+@compiled("float64(float64[::1], float64[::1], int64[::1])")
 def _around(x, y, corner):  # type: ignore[no-untyped-def]
     """Length of the way around the corners."""
     n = corner[4] - corner[0]
@@ -217,7 +217,7 @@ def _around(x, y, corner):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit("void(float64[::1], float64[::1], int64, int64, int64, float64[::1])", cache=True, nogil=True)
+@compiled("void(float64[::1], float64[::1], int64, int64, int64, float64[::1])")
 def _line(x, y, n, start, stop, line):  # type: ignore[no-untyped-def]
     """Fills line with a, b, c of a x + b y = c, a^2 + b^2 = 1, by total least squares over a side without its ends."""
     skip = int(STRAIGHT_PART * (stop - start)) + 1
@@ -242,7 +242,7 @@ def _line(x, y, n, start, stop, line):  # type: ignore[no-untyped-def]
     line[2] = line[0] * (x0 + mx) + line[1] * (y0 + my)
 
 
-@njit("boolean(float64[:, ::1])", cache=True, nogil=True)
+@compiled("boolean(float64[:, ::1])")
 def _well_shaped(quad):  # type: ignore[no-untyped-def]
     """Whether the corners turn one way, no side is much shorter than another, and they are no needle."""
     shortest, longest, total, twice_area = 1e9, 0.0, 0.0, 0.0
@@ -260,7 +260,7 @@ def _well_shaped(quad):  # type: ignore[no-untyped-def]
     return 0.5 * abs(twice_area) > LEAST_FILL * (0.25 * total) ** 2
 
 
-@njit("boolean(float64[::1], float64[::1], int64, float64[:, ::1])", cache=True, nogil=True, error_model="numpy")
+@compiled("boolean(float64[::1], float64[::1], int64, float64[:, ::1])")
 def _four_sides(x, y, n, quad):  # type: ignore[no-untyped-def]
     """Whether an outline of n points is a quadrilateral; fills its corners (4, 2) in the outline's order."""
     corner = np.empty(5, np.int64)
@@ -286,7 +286,7 @@ def _four_sides(x, y, n, quad):  # type: ignore[no-untyped-def]
     return _well_shaped(quad)
 
 
-@njit("float64[:, :, ::1](uint8[:, ::1])", cache=True, nogil=True, error_model="numpy")
+@compiled("float64[:, :, ::1](uint8[:, ::1])")
 def _quads(crossing):  # type: ignore[no-untyped-def]
     """All quadrilaterals, from what is around each crossing of cracks; marks there what was walked."""
     h, w = crossing.shape

@@ -18,9 +18,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from calibrant.compiled import compiled
 from calibrant.detect.noise import noise_variance, raster_variance
 from calibrant.detect.saddle import Refined
 
@@ -60,7 +60,7 @@ def refine(grey: Grey, uv: Array, half_px: Array) -> Refined:
     )
 
 
-@njit("float64(uint8[:, ::1], float64, float64)", cache=True, nogil=True)
+@compiled("float64(uint8[:, ::1], float64, float64)")
 def _bilinear(grey, u, v):  # type: ignore[no-untyped-def]
     i, j = int(u), int(v)
     a, b = u - i, v - j
@@ -69,7 +69,7 @@ def _bilinear(grey, u, v):  # type: ignore[no-untyped-def]
     return top * (1.0 - b) + low * b
 
 
-@njit("void(float64[:, :, ::1], float64, float64, float64, float64)", cache=True, nogil=True)
+@compiled("void(float64[:, :, ::1], float64, float64, float64, float64)")
 def _spread_bilinear(share, u, v, along_x, along_y):  # type: ignore[no-untyped-def]
     """Adds a sample's share (along_x, along_y) to the four pixels around it."""
     i, j = int(u), int(v)
@@ -81,7 +81,7 @@ def _spread_bilinear(share, u, v, along_x, along_y):  # type: ignore[no-untyped-
             share[j + dj, i + di, 1] += weight * along_y
 
 
-@njit("float64(uint8[:, ::1], float64, float64, int64, int64)", cache=True, nogil=True, error_model="numpy")
+@compiled("float64(uint8[:, ::1], float64, float64, int64, int64)")
 def _line(grey, x, y, half, angle):  # type: ignore[no-untyped-def]
     """Mean brightness of the line through a point."""
     total = 0.0
@@ -90,7 +90,7 @@ def _line(grey, x, y, half, angle):  # type: ignore[no-untyped-def]
     return total / (2 * half + 1)
 
 
-@njit("UniTuple(int64, 2)(uint8[:, ::1], float64, float64, int64)", cache=True, nogil=True, error_model="numpy")
+@compiled("UniTuple(int64, 2)(uint8[:, ::1], float64, float64, int64)")
 def _angles(grey, x, y, half):  # type: ignore[no-untyped-def]
     """Angles of the lightest and the darkest line through a point."""
     f = np.empty(ANGLES)
@@ -108,12 +108,7 @@ def _angles(grey, x, y, half):  # type: ignore[no-untyped-def]
     return lightest, darkest
 
 
-@njit(
-    "boolean(uint8[:, ::1], float64, float64, int64, float64, int64, int64, float64[::1])",
-    cache=True,
-    nogil=True,
-    error_model="numpy",
-)
+@compiled("boolean(uint8[:, ::1], float64, float64, int64, float64, int64, int64, float64[::1])")
 def _vertex(grey, x, y, half, spacing, lightest, darkest, row):  # type: ignore[no-untyped-def]
     """Fills row with the step to the vertex of R's paraboloid around (x, y) and its curvatures; False without one."""
     c = np.zeros(6)
@@ -134,12 +129,7 @@ def _vertex(grey, x, y, half, spacing, lightest, darkest, row):  # type: ignore[
     return True
 
 
-@njit(
-    "float64(uint8[:, ::1], float64, float64, int64, float64, int64, int64, float64[::1], float64)",
-    cache=True,
-    nogil=True,
-    error_model="numpy",
-)
+@compiled("float64(uint8[:, ::1], float64, float64, int64, float64, int64, int64, float64[::1], float64)")
 def _spread(grey, x, y, half, spacing, lightest, darkest, row, variance):  # type: ignore[no-untyped-def]
     """Variance of the vertex per axis, px^2, for noise of a variance."""
     reach = half + int(0.5 * PLACES * spacing) + 3
@@ -181,7 +171,7 @@ def _spread(grey, x, y, half, spacing, lightest, darkest, row, variance):  # typ
     return 0.5 * total / det**2
 
 
-@njit("float64[:, ::1](uint8[:, ::1], float64[:, ::1], float64[::1])", cache=True, nogil=True, error_model="numpy")
+@compiled("float64[:, ::1](uint8[:, ::1], float64[:, ::1], float64[::1])")
 def _fit(grey, uv, half_px):  # type: ignore[no-untyped-def]
     """Rows (n, 5): x, y, sigma per axis (infinite where it failed), noise and half contrast, grey levels."""
     h, w = grey.shape

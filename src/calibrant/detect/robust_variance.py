@@ -11,8 +11,9 @@ picture since raster and blur are the same there, multiplies V: below 1 where mi
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from calibrant.compiled import compiled
 
 GROUP_PX = 3.0
 """Length of edge whose errors are taken as one: pixels further apart do not share the raster's effect."""
@@ -20,12 +21,7 @@ LEAST_GROUPS = 150
 """Over all places: the ratio of variances is then known to a tenth, by two axes each. With fewer it is taken for 1."""
 
 
-@njit(
-    "void(float64[:, ::1], float64[::1], float64[:, ::1], int64[::1], int64, float64, float64[::1])",
-    cache=True,
-    nogil=True,
-    error_model="numpy",
-)
+@compiled("void(float64[:, ::1], float64[::1], float64[:, ::1], int64[::1], int64, float64, float64[::1])")
 def sum_groups(J, r, cofactors, group, count, variance, sums):  # type: ignore[no-untyped-def]
     """Fills sums (3,): over the groups, the squares of sums of g r in variances of (x, y); what noise gives; count.
 

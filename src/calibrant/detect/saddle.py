@@ -28,9 +28,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from calibrant.compiled import compiled
 from calibrant.detect.blurred_step import step_and_bell
 from calibrant.detect.normal_equations import factor, invert, products, solve
 from calibrant.detect.robust_variance import GROUP_PX, sum_groups, variance_ratio
@@ -112,12 +112,10 @@ def refine(
     return Refined(fitted[:, :2], sigma[:, 0], np.abs(fitted[:, 6]), sigma[:, 1], np.exp(fitted[:, 4]), ok)
 
 
-@njit(
+@compiled(
     "float64(float64[:, ::1], float64[::1], float64[:, ::1], float64[::1])",
-    cache=True,
-    nogil=True,
-    error_model="numpy",
     fastmath={"contract", "reassoc", "arcp", "nsz"},
+    forceinline=True,
 )
 def _linearise(window, p, J, residuals):  # type: ignore[no-untyped-def]
     """Fills J (11, n) and residuals (n,) from the window's u, v and grey, (3, n); returns the sum of squared residuals.
@@ -129,7 +127,7 @@ def _linearise(window, p, J, residuals):  # type: ignore[no-untyped-def]
     per_blur, slope = math.exp(-p[4]), math.sqrt(2.0 / math.pi)
     blur = 1.0 / per_blur
     r, turned = ca * cb + sa * sb, sa * cb - ca * sb
-    skew = per_blur**3 / 6.0
+    skew = per_blur * per_blur * per_blur / 6.0
     total = 0.0
     for k in range(len(residuals)):
         dx, dy = window[0, k] - x, window[1, k] - y
@@ -164,11 +162,10 @@ def _linearise(window, p, J, residuals):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(
+@compiled(
     "float64(float64[:, ::1], float64[::1], float64[::1], float64[:, ::1], float64[::1], float64[:, ::1], "
     "float64[::1])",
-    cache=True,
-    nogil=True,
+    forceinline=True,
 )
 def _normal_equations(window, p, prior, J, residuals, JtJ, Jtr):  # type: ignore[no-untyped-def]
     """Fills JtJ (11, 11) and Jtr (11,); returns the cost. prior (2,): the noise's variance over that of each k."""
@@ -182,7 +179,7 @@ def _normal_equations(window, p, prior, J, residuals, JtJ, Jtr):  # type: ignore
     return cost
 
 
-@njit("float64(float64, float64)", cache=True, nogil=True)
+@compiled("float64(float64, float64)")
 def _raster(angle, length):  # type: ignore[no-untyped-def]
     """Deviation of the third moment of an edge in direction `angle`, px^3, averaged over its length, px."""
     along, across = abs(math.cos(angle)), abs(math.sin(angle))
@@ -191,7 +188,7 @@ def _raster(angle, length):  # type: ignore[no-untyped-def]
     return RASTER_PX3 * (abs(math.sin(math.pi * crossed) / (math.pi * crossed)) if crossed > 1e-3 else 1.0)
 
 
-@njit("int64(uint8[:, ::1], float64[::1], float64[::1], float64, float64, float64[:, ::1])", cache=True, nogil=True)
+@compiled("int64(uint8[:, ::1], float64[::1], float64[::1], float64, float64, float64[:, ::1])")
 def _window(grey, centre, step, radius, zero, window):  # type: ignore[no-untyped-def]
     """Fills u, v and grey (3, count) of the pixels within the window around a centre; returns their count."""
     h, w = grey.shape
@@ -212,7 +209,7 @@ def _window(grey, centre, step, radius, zero, window):  # type: ignore[no-untype
     return count
 
 
-@njit("void(float64[::1], float64[::1], float64[::1], boolean, float64, float64[::1])", cache=True, nogil=True)
+@compiled("void(float64[::1], float64[::1], float64[::1], boolean, float64, float64[::1])")
 def _start(values, centre, step, dark, blur, p):  # type: ignore[no-untyped-def]
     """Fills p: edges along the grid's directions, brightness from the window's grey values."""
     p[:] = 0.0
@@ -223,12 +220,7 @@ def _start(values, centre, step, dark, blur, p):  # type: ignore[no-untyped-def]
     p[6] = 0.5 * (values.max() - values.min()) * (1.0 if dark else -1.0)
 
 
-@njit(
-    "float64(float64[:, ::1], float64[::1], float64, float64, float64[::1], float64[:, ::1])",
-    cache=True,
-    nogil=True,
-    error_model="numpy",
-)
+@compiled("float64(float64[:, ::1], float64[::1], float64, float64, float64[::1], float64[:, ::1])", forceinline=True)
 def _descend(window, p, most_blur, small_step, prior, JtJ):  # type: ignore[no-untyped-def]
     """Levenberg-Marquardt on p, in place; fills J^T J there; returns the sum of squared residuals."""
     n = window.shape[1]
@@ -262,12 +254,7 @@ def _descend(window, p, most_blur, small_step, prior, JtJ):  # type: ignore[no-u
     return cost
 
 
-@njit(
-    "void(float64[:, ::1], float64[::1], float64[:, ::1], float64, float64[::1])",
-    cache=True,
-    nogil=True,
-    error_model="numpy",
-)
+@compiled("void(float64[:, ::1], float64[::1], float64[:, ::1], float64, float64[::1])", forceinline=True)
 def _sum_pieces(window, p, cofactors, variance, sums):  # type: ignore[no-untyped-def]
     """Fills sums (3,) of `robust_variance`."""
     n = window.shape[1]
@@ -285,12 +272,9 @@ def _sum_pieces(window, p, cofactors, variance, sums):  # type: ignore[no-untype
     sum_groups(J, r, cofactors, group, furthest + 1, variance, sums)
 
 
-@njit(
+@compiled(
     "UniTuple(float64[:, ::1], 3)(uint8[:, ::1], float64[:, ::1], float64[:, ::1], boolean[::1], float64, float64, "
-    "float64)",
-    cache=True,
-    nogil=True,
-    error_model="numpy",
+    "float64)"
 )
 def _fit(grey, uv, steps, dark, radius, blur, zero):  # type: ignore[no-untyped-def]
     """Parameters (n, 11); (n, 2): standard deviation per axis in px (infinite where it failed) and of grey, taking

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from calibrant.compiled import compiled
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
@@ -65,7 +66,7 @@ def find_spots(level: Grey, *, window_px: int) -> Spots:
     return _round_ones(_moments(np.asarray(labels, np.int32), chosen, np.asarray(stats[chosen], np.int32)))
 
 
-@njit("float64[:, ::1](int32[:, ::1], int64[::1], int32[:, ::1])", cache=True, nogil=True, error_model="numpy")
+@compiled("float64[:, ::1](int32[:, ::1], int64[::1], int32[:, ::1])")
 def _moments(labels, chosen, stats):  # type: ignore[no-untyped-def]
     """Rows (n, 6) of labels chosen (n,): pixels, means of x, y, and central second moments xx, xy, yy."""
     out = np.zeros((len(chosen), 6))

@@ -159,7 +159,8 @@ def noise_facts(result: CalibrationResult) -> list[Fact]:
         if parts:
             # Pixels by the robot's word for where it is: many times the RMS error, which has no robot in it.
             by_robot = ", the robot's own error in it" if result.kind == "hand-eye" else ""
-            facts.append(Fact("held-out error", ", ".join(parts), f"RMS on views kept out of the fit{by_robot}"))
+            rows = "measurements" if result.kind == "kinematics" else "views"
+            facts.append(Fact("held-out error", ", ".join(parts), f"RMS on {rows} kept out of the fit{by_robot}"))
     return facts
 
 

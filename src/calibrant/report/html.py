@@ -33,11 +33,13 @@ from calibrant.report.figures import (
 )
 from calibrant.report.loop import LoopView, loop_views
 from calibrant.report.numbers import Figure, plain, sigma_text
+from calibrant.report.robot import geometry
 from calibrant.report.scene import scene
 from calibrant.report.view_data import page_views
 from calibrant.report.words import (
     STATUS_WORDS,
     VERDICT_WORDS,
+    rows_name,
     sorted_checks,
     title,
     verdict_sentence,
@@ -50,7 +52,7 @@ _MARKS = {"ok": "✓", "warn": "!", "fail": "✕", "refused": "✕"}
 """A shape beside each status, so that it does not hang on colour."""
 
 
-_OWN_FIGURES = (PICTURES, "parameters")
+_OWN_FIGURES = (PICTURES, "parameters", "axes")
 """Options that are read by programs, or shown elsewhere on the page: lists of dictionaries tell a person nothing."""
 
 
@@ -105,9 +107,11 @@ def render_report(result: CalibrationResult, *, images: Mapping[str, Path]) -> s
         checks=sorted_checks(result),
         cameras=[_camera_block(name, camera) for name, camera in result.cameras.items()],
         transforms=[_transform_block(t) for t in result.transforms],
+        geometry=geometry(result),
         workspaces=workspace_blocks(result),
         methods=method_rows(result),
         rows=view_rows(result),
+        rows_name=rows_name(result),
         coverage=[_coverage_block(c, _remarks(result, c)) for c in camera_coverage(result)],
         loop_sentence=_loop_sentence(loop),
         has_residuals=any(view["uv"] for view in pages.views),
@@ -143,7 +147,7 @@ def headline(result: CalibrationResult) -> list[Fact]:
     facts += [fact for fact in noise_facts(result) if fact.name in wanted]
     rows = view_rows(result)
     if rows:
-        facts.append(Fact("views used", f"{sum(r.used for r in rows)} of {len(rows)}", ""))
+        facts.append(Fact(f"{rows_name(result)} used", f"{sum(r.used for r in rows)} of {len(rows)}", ""))
     return facts
 
 
@@ -219,6 +223,8 @@ def _option_text(value: object) -> str:
         return ", ".join(_option_text(item) for item in value) or "none"
     if isinstance(value, Mapping):
         return ", ".join(f"{name}: {_option_text(item)}" for name, item in value.items()) or "none"
+    if isinstance(value, float):
+        return plain(value)
     return "none" if value is None else str(value)
 
 

@@ -31,6 +31,7 @@ from calibrant.report.words import (
     STATUS_WORDS,
     VERDICT_WORDS,
     ViewRow,
+    rows_name,
     sorted_checks,
     title,
     verdict_sentence,
@@ -61,7 +62,7 @@ def summary(result: CalibrationResult) -> RenderableType:
         parts.append(_methods_table(result))
     rows = view_rows(result)
     if rows:
-        parts.append(_views(rows, by_view(loop_views(result))))
+        parts.append(_views(rows, by_view(loop_views(result)), name=rows_name(result)))
     if result.checks:
         parts.append(_checks_table(result))
     return Group(*parts, _verdict(result))
@@ -137,14 +138,15 @@ def _methods_table(result: CalibrationResult) -> RenderableType:
     return _headed("Methods: spread of the loop that should be constant, RMS", table)
 
 
-def _views(rows: list[ViewRow], loop: Mapping[tuple[str, str], LoopView]) -> RenderableType:
+def _views(rows: list[ViewRow], loop: Mapping[tuple[str, str], LoopView], *, name: str) -> RenderableType:
+    """The rows' table; name: what they are, in the plural."""
     used = [row for row in rows if row.used]
     shown = _worth_a_look(rows, loop)
     with_camera, with_rms = len({row.camera for row in rows}) > 1, any(row.rms_px is not None for row in rows)
     table = _table()
     if with_camera:
         table.add_column("camera")
-    table.add_column("view", overflow="fold", max_width=28)
+    table.add_column(name.removesuffix("s"), overflow="fold", max_width=28)
     headings = ["points", "RMS px"] * with_rms + ["loop mm", "loop deg"] * bool(loop)
     for heading in headings:
         table.add_column(heading, justify="right", no_wrap=True)
@@ -161,8 +163,10 @@ def _views(rows: list[ViewRow], loop: Mapping[tuple[str, str], LoopView]) -> Ren
         words = row.status if not row.reason else f"{row.status}: {row.reason}"
         table.add_row(*cells, Text(words, style=_VIEW_STYLES[row.status]))
     hidden = len(rows) - len(shown)
-    more = [Text(f"{hidden} more views used without remark; the report lists them all.", style="dim")] if hidden else []
-    return _headed(f"Views: {len(used)} of {len(rows)} used", table, *more)
+    more = (
+        [Text(f"{hidden} more {name} used without remark; the report lists them all.", style="dim")] if hidden else []
+    )
+    return _headed(f"{name.capitalize()}: {len(used)} of {len(rows)} used", *([table] if shown else []), *more)
 
 
 def _worth_a_look(rows: list[ViewRow], loop: Mapping[tuple[str, str], LoopView]) -> list[ViewRow]:

@@ -25,6 +25,9 @@ KIND_TITLES = {
     "vanishing": "Rotation from vanishing points",
 }
 
+ROWS_NAMES = {"kinematics": "measurements", "tool": "poses"}
+"""What the rows of a result's table are, where they are not views."""
+
 _SEVERITY = {"fail": 0, "warn": 1, "ok": 2}
 
 
@@ -115,9 +118,14 @@ def _known_to(estimate: TransformEstimate) -> str:
     )
 
 
+def rows_name(result: CalibrationResult) -> str:
+    """What the result was made from: views, or poses or measurements without pictures."""
+    return ROWS_NAMES.get(result.kind, "views")
+
+
 def _passed(result: CalibrationResult) -> str:
     rows, used = view_rows(result), sum(row.used for row in view_rows(result))
-    views = f"{used} of {len(rows)} views used" if rows else ""
+    views = f"{used} of {len(rows)} {rows_name(result)} used" if rows else ""
     checks = "every check passed" if result.checks else ""
     text = ", ".join(part for part in (views, checks) if part)
     return f"{text[:1].upper()}{text[1:]}." if text else ""

@@ -52,6 +52,8 @@ LAYOUTS = {
     + table(np.array([1.5, 2.75, 9.0]), POSITION, XYZW, separator=" "),
     "no header, time stamp": table(np.array([1.5, 2.75, 9.0]), POSITION, XYZW, separator=" "),
     "no header, quaternion": table(POSITION, XYZW),
+    "no header, quaternion first": table(WXYZ, POSITION),
+    "no header, rotation vector first": table(so3.log(T[:, :3, :3]), 1e3 * POSITION),
     "no header, names": table(POSITION, XYZW, names=True),
     "ROS bag export": ",".join(["%time", *(f"field.pose.{part}" for part in ROS_PARTS)])
     + "\n"

@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 
 from calibrant.errors import InputError
 from calibrant.formats.pose_columns import layout_of
-from calibrant.formats.raw_poses import NOTHING_STATED, RawPoses, Stated, checked_quaternions
+from calibrant.formats.raw_poses import (
+    NOTHING_STATED,
+    QUATERNION_NORM_TOLERANCE,
+    RawPoses,
+    Stated,
+    checked_quaternions,
+)
 from calibrant.geometry import rotations, se3
 
 Array = NDArray[np.float64]
@@ -23,6 +29,9 @@ MATRIX_TOLERANCE = 2e-3
 _LARGEST = 1e9
 """A thousand kilometres in millimetres; larger numbers are slips, and their squares would overflow."""
 
+FULL_TURN_DEG = 360.0
+"""No notation writes a larger angle."""
+_ROTATION_FIRST = {6: ("e1", "e2", "e3", "x", "y", "z"), 7: ("q0", "q1", "q2", "q3", "x", "y", "z")}
 MATRIX_NAMES = tuple(f"m{i}{j}" for i in range(1, 5) for j in range(1, 5))
 
 
@@ -103,12 +112,17 @@ def plain_header(count: int) -> tuple[tuple[str, ...], Stated] | None:
 def header_of(rows: Sequence[Sequence[Cell]]) -> tuple[tuple[str, ...], Stated] | None:
     """Column names for rows of bare numbers, as `plain_header`; one more number in front is a time stamp or a counter.
 
-    Seven numbers are a counter and 3 + 3 where the last four cannot be a quaternion.
+    Seven numbers are a counter and 3 + 3 where the last four cannot be a quaternion. The rotation stands first where
+    the numbers leave no other way: the first four alone have a norm of 1, or the last three are no angles.
     """
     count = len(rows[0])
     counter = _counts(rows)
     alone = plain_header(count)
-    if alone is not None and not (count == 7 and counter and not _unit_norms(rows)):
+    if count == 7 and not _unit_norms(rows, slice(3, 7)) and _unit_norms(rows, slice(0, 4)):
+        return _ROTATION_FIRST[7], Stated(likely="quat-wxyz")
+    if count == 6 and _largest(rows, slice(3, 6)) > FULL_TURN_DEG >= _largest(rows, slice(0, 3)):
+        return _ROTATION_FIRST[6], NOTHING_STATED
+    if alone is not None and not (count == 7 and counter and not _unit_norms(rows, slice(3, 7))):
         return alone
     behind = plain_header(count - 1)
     if behind is None:
@@ -179,12 +193,22 @@ def _counts(rows: Sequence[Sequence[Cell]]) -> bool:
     return bool(len(first) > 0 and np.all(first == np.round(first)) and np.all(np.diff(first) == 1))
 
 
-def _unit_norms(rows: Sequence[Sequence[Cell]]) -> bool:
+def _unit_norms(rows: Sequence[Sequence[Cell]], columns: slice) -> bool:
+    q = _plain_numbers(rows, columns)
+    return q is not None and bool(np.all(np.abs(np.linalg.norm(q, axis=1) - 1) < QUATERNION_NORM_TOLERANCE))
+
+
+def _largest(rows: Sequence[Sequence[Cell]], columns: slice) -> float:
+    """The largest size of the numbers in some columns; NaN where one is no number."""
+    numbers = _plain_numbers(rows, columns)
+    return float("nan") if numbers is None else float(np.abs(numbers).max())
+
+
+def _plain_numbers(rows: Sequence[Sequence[Cell]], columns: slice) -> Array | None:
     try:
-        q = np.array([[float(cell) for cell in row[3:7] if cell is not None] for row in rows])
+        return np.array([[float(cell) for cell in row[columns] if cell is not None] for row in rows])
     except (TypeError, ValueError):
-        return False
-    return bool(np.all(np.abs(np.linalg.norm(q, axis=1) - 1) < 0.01))
+        return None
 
 
 def entry_of(fields: Mapping[str, Cell], header: Sequence[str], where: str) -> tuple[Cell, ...]:

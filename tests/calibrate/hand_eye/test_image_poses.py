@@ -132,4 +132,4 @@ def test_circles_on_paper(shared_data: Callable[[str], Path]) -> None:
     check = result.check("image-poses")
     assert check.status == "warn"
     assert check.value == pytest.approx(15, rel=0.3)
-    assert "Beside them the robot errs by 0.9 mm" in check.message
+    assert "Beside them the robot errs by 0.9 mm / under 0.001 deg;" in check.message

@@ -22,6 +22,8 @@ LOOP_WARN, LOOP_FAIL = 0.05, 0.30
 SCALE_SIGMAS = 3.0
 SCALE_WARN = 0.005
 """A printed board is off by up to 0.5 % (a printer's scaling, paper and humidity); more is a wrong size."""
+NOTHING = 0.001
+"""Millimetres and degrees: the finest that makers state of a robot's repeatability is ten times that."""
 FEW_USED_SHARE = 2 / 3
 
 
@@ -112,12 +114,17 @@ def image_poses_check(found: ImagePoses | None, robot: SigmaRobot | None) -> tup
     message = (
         f"the target poses from the images err like points of {found.px:.2g} px, {ratio:.2g} times the points' scatter "
         f"({found.scatter_px:.2g} px): all points of an image are off together, by the lens model, a board that is not "
-        f"flat, or how its points are found. Beside them the robot errs by {found.robot_mm:.2g} mm / "
-        f"{found.robot_deg:.2g} deg; the robot noise stated, {robot.mm:.2g} mm / {robot.deg:.2g} deg, is both. What "
-        "they have in common from image to image no sigma knows: try calibrant intrinsics --target-shape paraboloid, "
-        "and a camera calibrated from more views (--camera)"
+        f"flat, or how its points are found. Beside them the robot errs by {_size(found.robot_mm, 'mm')} / "
+        f"{_size(found.robot_deg, 'deg')}; the robot noise stated, {robot.mm:.2g} mm / {robot.deg:.2g} deg, is both. "
+        "What they have in common from image to image no sigma knows: try calibrant intrinsics --target-shape "
+        "paraboloid, and a camera calibrated from more views (--camera)"
     )
     return (Check("image-poses", "warn", message, ratio),)
+
+
+def _size(value: float, unit: str) -> str:
+    """A noise level; one of nearly nothing is what the fit leaves when the images explain all, no measurement."""
+    return f"{value:.2g} {unit}" if value >= NOTHING else f"under {NOTHING} {unit}"
 
 
 def convergence_check(solution: Solution, settled: bool, rounds: int) -> Check:

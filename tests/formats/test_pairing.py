@@ -54,6 +54,13 @@ def test_nothing_to_pair_and_shared_names_are_errors() -> None:
         match(["0"], ["l/0.png", "r/0.png"])
 
 
+@pytest.mark.parametrize("pose", ["data", "image"])
+def test_folders_pair_where_the_files_in_them_share_a_name(pose: str) -> None:
+    found = match([f"2/{pose}", f"0/{pose}", f"1/{pose}"], ["0/image.png", "1/image.png", "2/image.png"])
+    assert found.rule == "name"
+    assert found.pose_index == (1, 2, 0)
+
+
 def test_whole_names_go_before_stems() -> None:
     found = match(["a.png", "a.jpg"], ["a.jpg", "a.png"])
     assert found.pose_index == (1, 0)

@@ -213,3 +213,25 @@ def test_matrices_with_rows_and_columns_beside_their_numbers(tmp_path: Path) -> 
     matrix = tmp_path / "one.yaml"
     matrix.write_text("rows: 4\ncols: 4\ndata: [1, 0, 0, 0.1, 0, 1, 0, 0.2, 0, 0, 1, 0.3, 0, 0, 0, 1]\n")
     np.testing.assert_array_equal(read_poses(matrix).translation, [[0.1, 0.2, 0.3]])
+
+
+def test_a_folder_a_pose_with_what_solve_pnp_found_beside_it(tmp_path: Path) -> None:
+    for i in RANGE:
+        (tmp_path / str(i)).mkdir()
+        entry = {
+            "joint_pose": [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7],
+            "O_T_EE": T[i].ravel().tolist(),
+            "camera_intrinsics": np.eye(3).tolist(),
+            "detected": True,
+            "T_cam_target_rvec": so3.log(T[2 - i, :3, :3])[:, None].tolist(),
+            "T_cam_target_tvec": T[2 - i, :3, 3:].tolist(),
+        }
+        (tmp_path / str(i) / "data.json").write_text(json.dumps(entry))
+    raw = read_poses(str(tmp_path / "*" / "data.json"))
+    assert raw.names == ("0/data", "1/data", "2/data")
+    np.testing.assert_allclose(readings(raw)[0].T_base_gripper, T, atol=1e-12)
+    assert raw.target is not None
+    np.testing.assert_allclose(readings(raw.target)[0].T_base_gripper, T[::-1], atol=1e-12)
+    (tmp_path / "1" / "data.json").write_text(json.dumps({"O_T_EE": T[1].ravel().tolist()}))
+    with pytest.raises(InputError, match="without a target pose, which other files have; 1 of 3 files"):
+        read_poses(str(tmp_path / "*" / "data.json"))

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.data import DEFAULT_CAMERA, Missed, Observations, View
+from calibrant.data.file_names import distinct_names
 from calibrant.detect.cache import Cache, key_of
 from calibrant.detect.detection import Detection
 from calibrant.detect.executors import executor_for
@@ -85,7 +86,7 @@ def detect(
         readable = [d for d in done if d.size is not None]
         mirrored = _found_mirrored([d.file for d in readable], wanted, mirror_x)
         raise DetectionError(_why_none(readable, wanted, len(done)) + mirrored)
-    names = _ids([d.file for d in done])
+    names = distinct_names([d.file for d in done])
     points, row_of = wanted.points, {int(label): row for row, label in enumerate(wanted.point_ids)}
     views = tuple(_view(d, names[d.file], points, row_of, camera) for d in found)
     notes = [*notes_on_orientation([d.orientation for d in done if d.size is not None])]
@@ -196,17 +197,6 @@ def _why_none(readable: Sequence[ImageDetection], target: Target, count: int) ->
     reason, times = Counter(d.detection.reason for d in readable).most_common(1)[0]
     where = "every image" if times == count else f"{times} of the images"
     return f"{head}; {where}: {reason}"
-
-
-def _ids(files: Sequence[Path]) -> dict[Path, str]:
-    """The file's name for each; with as many folders before it as it takes to tell files of one name apart."""
-    names = {file: file.name for file in files}
-    depth = 1
-    while len(set(names.values())) < len(files) and depth < max(len(f.parts) for f in files):
-        depth += 1
-        repeated = {name for name, times in Counter(names.values()).items() if times > 1}
-        names = {f: "/".join(f.parts[-depth:]) if name in repeated else name for f, name in names.items()}
-    return names
 
 
 def _view(

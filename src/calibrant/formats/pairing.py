@@ -32,20 +32,25 @@ class Pairing:
 def match(pose_names: Sequence[str], view_names: Sequence[str]) -> Pairing:
     """Pair named poses with views; poses without names are for `match_by_order`.
 
-    By name when any name of a pose is that of a view, with or without folder and extension; poses without a view are
-    left out. Else by order: poses as they stand, views in natural order.
+    By name when any name of a pose is that of a view, with or without folder and extension, or when it is their folders
+    that name them (0/image.png and 0/pose.json); poses without a view are left out. Else by order: poses as they stand,
+    views in natural order.
 
     Raises: InputError when a view has no pose, when two share a name, when the numbers differ, when one side is empty.
     """
     if not pose_names or not view_names:
         _refuse_empty(len(pose_names), len(view_names))
-    for key in (_full, _stem):
+    shared = []
+    for key in (_full, _stem, _folder):
         poses = {key(name): i for i, name in enumerate(pose_names)}
         views = {key(name): i for i, name in enumerate(view_names)}
-        if poses.keys() & views.keys():
-            _refuse_shared(pose_names, key, "poses")
-            _refuse_shared(view_names, key, "images")
-            return _by_name(pose_names, view_names, poses, views)
+        if poses.keys() & views.keys() - {""}:
+            if len(poses) == len(pose_names) and len(views) == len(view_names):
+                return _by_name(pose_names, view_names, poses, views)
+            shared.append(key)
+    if shared:
+        _refuse_shared(pose_names, shared[0], "poses")
+        _refuse_shared(view_names, shared[0], "images")
     return match_by_order(len(pose_names), view_names, pose_names=pose_names)
 
 
@@ -104,6 +109,11 @@ def _stem(name: str) -> str:
     last = PureWindowsPath(name).name
     suffix = PurePath(last).suffix
     return last[: -len(suffix)] if suffix and not suffix[1:].isdigit() else last
+
+
+def _folder(name: str) -> str:
+    """The folders that stand before the name; empty where there are none."""
+    return "/".join(PureWindowsPath(name).parts[:-1])
 
 
 def _refuse_shared(names: Sequence[str], key: Callable[[str], str], what: str) -> None:

@@ -162,6 +162,18 @@ def _pair(entry: Any) -> tuple[Any, Any] | None:
         for robot, target in _PAIR_KEYS:
             if robot in keys and target in keys:
                 return {keys[robot]: entry[keys[robot]]}, {keys[target]: entry[keys[target]]}
+        return _solved_beside(entry, keys)
+    return None
+
+
+def _solved_beside(entry: Mapping[Any, Any], keys: Mapping[str, Any]) -> tuple[Any, Any] | None:
+    """A robot pose, and beside it the target's by the names of OpenCV's solvePnP, with or without more before them."""
+    for key in keys:
+        other = key.removesuffix("rvec") + "tvec"
+        if key.endswith("rvec") and other in keys:
+            solved = {"rvec": entry[keys[key]], "tvec": entry[keys[other]]}
+            robot = {k: v for k, v in entry.items() if k not in (keys[key], keys[other])}
+            return (robot, solved) if _looks_like_pose(robot) and _looks_like_pose(solved) else None
     return None
 
 

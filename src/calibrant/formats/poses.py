@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from calibrant.data.file_names import distinct_names
 from calibrant.errors import InputError
 from calibrant.formats.joint_columns import find_joints, poses_from_joints
 from calibrant.formats.natural_order import natural_key
@@ -79,7 +80,7 @@ def read_poses(
 def read_table(paths: str | Path | Iterable[str | Path], fmt: RobotFormat | None = None) -> Parsed:
     """The table of one file, or of one file a pose, and that of target poses where it holds pairs."""
     files = _files(paths)
-    table, target = _parse(files[0], fmt) if len(files) == 1 else (_joined(files, fmt), None)
+    table, target = _parse(files[0], fmt) if len(files) == 1 else _joined(files, fmt)
     return (table if fmt is None else in_format(table, fmt)), target
 
 
@@ -120,17 +121,29 @@ def _files(paths: str | Path | Iterable[str | Path]) -> list[Path]:
     return sorted(dict.fromkeys(files), key=lambda p: natural_key(str(p)))
 
 
-def _joined(files: list[Path], fmt: RobotFormat | None) -> PoseTable:
-    """One table from files of one pose each, named by their stems."""
-    tables = []
+def _joined(files: list[Path], fmt: RobotFormat | None) -> Parsed:
+    """One table from files of one pose each, named by their stems, and one of target poses where each holds a pair."""
+    parsed = []
     for path in files:
         table, target = _parse(path, fmt)
-        if len(table.rows) != 1 or target is not None:
+        if len(table.rows) != 1:
             raise InputError(
                 f"{path}: {len(table.rows)} poses; where several files are given, each holds one pose; "
                 "give one file alone, or files of one pose"
             )
-        tables.append(table)
+        parsed.append((table, target))
+    alone = [path for path, (_, target) in zip(files, parsed) if target is None]
+    if 0 < len(alone) < len(files):
+        raise InputError(
+            f"{alone[0]}: a robot pose without a target pose, which other files have; {len(alone)} of {len(files)} "
+            "files are like that: leave them out"
+        )
+    targets = [target for _, target in parsed if target is not None]
+    return _one_table(files, [table for table, _ in parsed]), _one_table(files, targets) if targets else None
+
+
+def _one_table(files: list[Path], tables: list[PoseTable]) -> PoseTable:
+    """The tables of one row each as one."""
     header = tables[0].header
     rows = []
     for path, table in zip(files, tables):
@@ -141,7 +154,7 @@ def _joined(files: list[Path], fmt: RobotFormat | None) -> PoseTable:
             )
         rows.append(tuple(table.rows[0][table.header.index(column)] for column in header))
     places = tuple(table.places[0] for table in tables)
-    names = tuple(path.stem for path in files)
+    names = tuple(name.removesuffix(path.suffix) for path, name in distinct_names(files).items())
     return replace(
         tables[0], rows=tuple(rows), places=places, names=names, source=f"{files[0].parent} ({len(files)} files)"
     )

@@ -53,6 +53,21 @@ def test_the_offset_comes_out(folder: Path, capsys: pytest.CaptureFixture[str]) 
     assert "GOOD. The offset is known to" in text
 
 
+def test_samples_that_a_recorder_wrote_twice_are_left_out(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    header, *lines = (folder / "robot.csv").read_text().splitlines()
+    twice = folder / "twice.csv"
+    twice.write_text(
+        "\n".join([header, *(line for i, row in enumerate(lines) for line in [row] * (1 + (i % 25 == 3)))])
+    )
+    assert run(["time-offset", "--poses", str(twice), "--target-poses", str(folder / "camera.csv")]) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert f"{len(range(3, len(lines), 25))} samples that repeat the one before are left out; camera: " in text
+    lines[9] = lines[8].replace(",0.", ",0.1", 1)  # the same moment at another place
+    twice.write_text("\n".join([header, *lines]))
+    assert run(["time-offset", "--poses", str(twice), "--target-poses", str(folder / "camera.csv")]) == 2
+    assert "times do not increase at sample" in " ".join(capsys.readouterr().err.split())
+
+
 @pytest.mark.parametrize(
     ("arguments", "status", "message"),
     [

@@ -68,7 +68,8 @@ def time_offset(
         found = estimate_time_offset(
             moved.times - origin, moved.T, seen.times - origin, seen.T, setup=setup, largest=reach
         )
-    result = _result(found, setup, session.file_records([poses, target_poses, *arm.files]))
+    read = f"robot: {moved.description}; camera: {seen.description}"
+    result = _result(found, setup, read, session.file_records([poses, target_poses, *arm.files]))
     session.finish(result, outputs)
 
 
@@ -84,7 +85,7 @@ def _seconds(text: str) -> float:
     return value * units[unit]
 
 
-def _result(found: TimeOffset, setup: str, inputs: tuple[dict[str, str], ...]) -> CalibrationResult:
+def _result(found: TimeOffset, setup: str, read: str, inputs: tuple[dict[str, str], ...]) -> CalibrationResult:
     import numpy as np
 
     from calibrant.calibrate.time_offset import LOOP_ROTATION, LOOP_TRANSLATION
@@ -112,6 +113,7 @@ def _result(found: TimeOffset, setup: str, inputs: tuple[dict[str, str], ...]) -
             "correlation", "ok", f"angular speeds correlate by {found.correlation:.4f}; {int(found.used.sum())} of "
             f"{len(found.used)} camera samples lie within the robot's", found.correlation,
         ),
+        Check("pose-reading", "ok", read),
     )  # fmt: skip
     return CalibrationResult(
         kind="time-offset",

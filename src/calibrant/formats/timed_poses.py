@@ -55,7 +55,16 @@ def read_timed_poses(
         raw = replace(raw_poses(table), options=asked if fmt is None else merged(asked, fmt))
         refuse_ambiguous(raw)
     reading: PoseReading = readings(raw)[0]
-    return TimedPoses(times, reading.T_base_gripper, f"{table.source}: {reading.description}")
+    repeated = _repeated(times, reading.T_base_gripper)
+    note = f"; {int(repeated.sum())} samples that repeat the one before are left out" if repeated.any() else ""
+    T = reading.T_base_gripper[~repeated]
+    return TimedPoses(times[~repeated], T, f"{table.source}: {reading.description}{note}")
+
+
+def _repeated(times: Array, T: Array) -> NDArray[np.bool_]:
+    """Samples (n,) that say again what the one before said, as recorders write that poll faster than poses come."""
+    same = (np.diff(times) == 0) & np.all(T[1:] == T[:-1], axis=(1, 2))
+    return np.concatenate([[False], same])
 
 
 def _times(table: PoseTable) -> tuple[Array, PoseTable]:

@@ -235,3 +235,34 @@ def test_a_folder_a_pose_with_what_solve_pnp_found_beside_it(tmp_path: Path) -> 
     (tmp_path / "1" / "data.json").write_text(json.dumps({"O_T_EE": T[1].ravel().tolist()}))
     with pytest.raises(InputError, match="without a target pose, which other files have; 1 of 3 files"):
         read_poses(str(tmp_path / "*" / "data.json"))
+
+
+@pytest.mark.parametrize(
+    "keys", [("gripper2base", "target2cam"), ("hand2base", "board2camera"), ("tool_pose", "tag_pose")]
+)
+def test_pairs_by_the_names_that_capture_programs_use(tmp_path: Path, keys: tuple[str, str]) -> None:
+    def record(pose: np.ndarray) -> dict[str, Any]:
+        return {"rotation_matrix": pose[:3, :3].tolist(), "translation": pose[:3, 3].tolist()}
+
+    samples = [
+        {"id": f"shot {i}", keys[0]: record(T[i]), "base2hand": record(se3.inverse(T[i])), keys[1]: record(T[2 - i])}
+        for i in RANGE
+    ]
+    (tmp_path / "samples.json").write_text(json.dumps({"samples": samples, "method": "PARK"}))
+    raw = read_poses(tmp_path / "samples.json")
+    assert raw.target is not None
+    np.testing.assert_allclose(readings(raw)[0].T_base_gripper, T, atol=1e-12)
+    np.testing.assert_allclose(readings(raw.target)[0].T_base_gripper, T[::-1], atol=1e-12)
+
+
+def test_pairs_as_numbered_matrices_of_one_file(tmp_path: Path) -> None:
+    storage = cv2.FileStorage(str(tmp_path / "samples.yml"), cv2.FILE_STORAGE_WRITE)
+    storage.write("count", 3)
+    for i in RANGE:
+        storage.write(f"gripper2base_{i}", T[i])
+        storage.write(f"target2cam_{i}", T[2 - i])
+    storage.release()
+    raw = read_poses(tmp_path / "samples.yml")
+    assert raw.target is not None
+    np.testing.assert_allclose(readings(raw)[0].T_base_gripper, T, atol=1e-12)
+    np.testing.assert_allclose(readings(raw.target)[0].T_base_gripper, T[::-1], atol=1e-12)

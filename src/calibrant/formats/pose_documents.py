@@ -13,15 +13,27 @@ from calibrant.formats.pose_rows import MATRIX_NAMES, Cell, PoseTable, bottom_ro
 from calibrant.formats.raw_poses import NOTHING_STATED, Stated
 
 _ROTATION_KEY = re.compile(r"rot|orient|quat|^q$|^r$|rvec|euler|rpy|angle|axis")
-_PAIR_KEYS = (
-    # Hand-eye samples as calibration tools save them: the robot's pose first, then the target's.
-    ("effectorwrtworld", "objectwrtsensor"),
-    ("robot", "optical"),
-    ("robot", "target"),
-    ("robot", "camera"),
-    ("robot", "tracking"),
-    ("robot", "marker"),
-    ("tbasegripper", "tcameratarget"),
+_HAND = ("gripper", "hand", "tool", "flange", "tcp", "ee", "eef", "effector", "end", "wrist")
+_BOARD = ("target", "board", "marker", "tag", "object", "pattern")
+# Hand-eye samples as calibration tools save them: what they call the robot's pose, and the target's.
+_ROBOT_KEYS = (
+    "effectorwrtworld",
+    "tbasegripper",
+    *(f"{part}2base" for part in _HAND),
+    "robot",
+    "robotpose",
+    *(f"{part}pose" for part in _HAND),
+)
+_TARGET_KEYS = (
+    "objectwrtsensor",
+    "tcameratarget",
+    *(f"{part}2{camera}" for part in _BOARD for camera in ("cam", "camera")),
+    "optical",
+    "tracking",
+    "camera",
+    "target",
+    "marker",
+    *(f"{part}pose" for part in _BOARD),
 )
 # OpenCV's gripper2base names the map from gripper to base coordinates, T_base_gripper.
 _JOINTS_KEY = re.compile(r"joint|^q$|^configuration$")
@@ -110,6 +122,9 @@ def _entries(data: Any, source: str) -> tuple[list[Any], tuple[str, ...] | None,
             if chosen and not (len(data) == 1 and _looks_like_pose(chosen[0][1])):
                 entries, names, stated = _entries(chosen[0][1], source)
                 return entries, names, stated if stated.direction else Stated(direction=_direction(_key(chosen[0][0])))
+        numbered = _numbered(data)
+        if numbered is not None:
+            return list(numbered), None, NOTHING_STATED
         if keys and all(isinstance(v, Mapping | list) for v in data.values()):
             return list(data.values()), tuple(str(k) for k in data), NOTHING_STATED
         raise InputError(
@@ -159,11 +174,29 @@ def _pair(entry: Any) -> tuple[Any, Any] | None:
         return entry[0], entry[1]
     if isinstance(entry, Mapping):
         keys = {_key(k): k for k in entry}
-        for robot, target in _PAIR_KEYS:
-            if robot in keys and target in keys:
-                return {keys[robot]: entry[keys[robot]]}, {keys[target]: entry[keys[target]]}
+        robot = next((keys[key] for name in _ROBOT_KEYS for key in _spelled(name) if key in keys), None)
+        target = next((keys[key] for name in _TARGET_KEYS for key in _spelled(name) if key in keys), None)
+        if robot is not None and target is not None:
+            return {robot: entry[robot]}, {target: entry[target]}
         return _solved_beside(entry, keys)
     return None
+
+
+def _spelled(name: str) -> tuple[str, ...]:
+    """A key, and as people write it who begin the names of transforms with a letter."""
+    return name, f"t{name}", f"h{name}"
+
+
+def _numbered(data: Mapping[Any, Any]) -> list[dict[str, Any]] | None:
+    """Entries of a mapping such as gripper2base_0, target2cam_0, gripper2base_1 …: one a pair; None for others."""
+    pairs: dict[str, dict[str, Any]] = {}
+    for key, value in data.items():
+        short = _key(key)
+        stem = short.rstrip("0123456789")
+        if stem != short:
+            pairs.setdefault(short[len(stem) :], {})[stem] = value
+    entries = list(pairs.values())
+    return entries if entries and all(_pair(entry) is not None for entry in entries) else None
 
 
 def _solved_beside(entry: Mapping[Any, Any], keys: Mapping[str, Any]) -> tuple[Any, Any] | None:

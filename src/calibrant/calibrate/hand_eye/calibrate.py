@@ -38,6 +38,7 @@ from calibrant.calibrate.hand_eye.seed import (
 )
 from calibrant.calibrate.hand_eye.setup import SETUPS, Setup, get_setup
 from calibrant.calibrate.hand_eye.target_size import target_size
+from calibrant.calibrate.hand_eye.turned_boards import agreeing
 from calibrant.calibrate.hand_eye.views import HandEyeViews, from_target_poses
 from calibrant.calibrate.outliers import mark, points_reason
 from calibrant.calibrate.pose_pairs import TARGET_ROTATION, TARGET_TRANSLATION, pose_pair_problem
@@ -104,9 +105,10 @@ def calibrate_hand_eye(
 
         observations = named_by_poses(target, poses, given_ids=isinstance(T_base_gripper, RobotPoses))
         photos = prepare_photos(poses, observations, camera, model, fix)
-        data, role, sigma_px = photos.data, photos.role, photos.sigma_px
+        role, sigma_px = photos.role, photos.sigma_px
+        data, observations, numbering = agreeing(chosen, photos.data, observations)
     else:
-        observations = None
+        observations, numbering = None, ()
         B = se3.check(target, name="T_camera_target")
         data, role, sigma_px = from_target_poses(poses, B.reshape(-1, 4, 4)), None, 1.0
     _require_poses(data)
@@ -120,7 +122,7 @@ def calibrate_hand_eye(
     size, of_images = _loop(chosen, data, joint, None if role is None else role.camera)
     result = _result(
         chosen, poses, observations, joint, seed, report, setup_answer, size, of_images,
-        fix=fix, camera_given=camera is not None,
+        fix=fix, camera_given=camera is not None, numbering=numbering,
     )  # fmt: skip
     return result if method == JOINT else answered_by(result, method, *_pairs(chosen, joint.data))
 
@@ -267,6 +269,7 @@ def _result(
     *,
     fix: Sequence[str],
     camera_given: bool,
+    numbering: tuple[Check, ...],
 ) -> CalibrationResult:
     data, solution = joint.data, joint.noise.solution
     role = joint.role if joint.views is not None else None
@@ -283,6 +286,7 @@ def _result(
     )
     answers = (
         *questions.motion_checks(report),
+        *numbering,
         setup_answer,
         questions.views_check(data),
         questions.loop_check(seed, loop),

@@ -13,6 +13,7 @@ from calibrant.calibrate.hand_eye.loop_noise import LoopNoise
 from calibrant.calibrate.hand_eye.robust import OUTLIER_P, RobustFit, log_misfit, robust_fit
 from calibrant.calibrate.hand_eye.setup import Setup, get_setup
 from calibrant.calibrate.hand_eye.target_size import target_size
+from calibrant.calibrate.hand_eye.turned_boards import with_boards
 from calibrant.calibrate.hand_eye.views import HandEyeViews, from_observations, from_target_poses
 from calibrant.calibrate.tails import f_tail
 from calibrant.cameras import Camera
@@ -139,14 +140,8 @@ class Case:
 
     def with_boards(self, rows: Sequence[int], F: Array) -> Case:
         """Target poses of `rows` become B F (F (4, 4) or (k, 4, 4)); their views get the points F^-1 p."""
-        B = self.data.B.copy()
-        B[list(rows)] = B[list(rows)] @ F
-        views = self.data.views
-        if views is not None:
-            names = _names_by_place(views)
-            turned = dict(zip(rows, np.broadcast_to(F, (len(rows), 4, 4))))
-            views = tuple(_turned(v, turned[i], names) if i in turned else v for i, v in enumerate(views))
-        return replace(self, data=replace(self.data, B=B, views=views), observations=self._observed(views))
+        data = with_boards(self.data, rows, F)
+        return replace(self, data=data, observations=self._observed(data.views))
 
     def without(self, rows: Sequence[int], reason: str) -> Case:
         """The same with these rows left out."""
@@ -245,19 +240,3 @@ def loop_of(deviation: Array) -> Loop:
     """rms of deviations (n, 6), rad and m, as mm and deg."""
     mm = 1e3 * np.sqrt(np.mean(np.sum(deviation[:, 3:] ** 2, axis=1)))
     return Loop(float(mm), float(np.rad2deg(np.sqrt(np.mean(np.sum(deviation[:, :3] ** 2, axis=1))))))
-
-
-def _names_by_place(views: Sequence[View]) -> dict[tuple[int, ...], int]:
-    """Labels of the target's points by their place, in nanometres."""
-    return {_place(p): int(i) for v in views for p, i in zip(v.points, v.point_ids)}
-
-
-def _place(point: Array) -> tuple[int, ...]:
-    return tuple(int(x) for x in np.round(1e9 * point))
-
-
-def _turned(view: View, F: Array, names: dict[tuple[int, ...], int]) -> View:
-    """The view with its points moved by F^-1 and named as the points that lie there."""
-    points = np.round(se3.apply(se3.inverse(F), view.points), 12)
-    labels = [names.get(_place(p), int(i)) for p, i in zip(points, view.point_ids)]
-    return replace(view, points=points, point_ids=np.array(labels))

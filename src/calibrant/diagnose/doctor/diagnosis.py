@@ -13,6 +13,7 @@ from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Check, Observations, RobotPoses, View, ViewResult, verdict_of
 from calibrant.diagnose.doctor.case import Case, case_of_poses, case_of_views
 from calibrant.diagnose.doctor.finding import Finding
+from calibrant.diagnose.doctor.numbering import finding, numbering_of
 from calibrant.diagnose.doctor.reading import PoseDecision, decide_poses
 from calibrant.diagnose.doctor.search import Examination, examine
 from calibrant.diagnose.doctor.timing import times_of
@@ -80,6 +81,10 @@ def diagnose_views(
     ids = complete[0].ids
     filled = _with_gaps(observations, ids)
     any_case = case_of_views(complete[0].poses, filled, camera, setup="eye-in-hand")
+    numbered = numbering_of(any_case, complete)
+    if numbered is not None:
+        any_case = any_case.with_boards(numbered.rows.tolist(), numbered.F)
+        observations, filled = (numbered.observations(o, ids) for o in (observations, filled))
     rows = any_case.index
     poses = decide_poses(complete, any_case.B, rows, setup=setup)
     case = replace(
@@ -93,6 +98,8 @@ def diagnose_views(
         ),
         observations=observations,
     )
+    if numbered is not None:
+        poses = replace(poses, findings=(*poses.findings, finding(numbered, ids)))
     return _diagnosis(poses, examine(case))
 
 

@@ -35,10 +35,11 @@ TRIPLES = 200
 """Triples solved: half of three views of a third of wrong ones are clean still, and congruence finds those first."""
 DRAWN = 2000
 """Triples looked at for their congruence, each with every relative numbering."""
-AS_GIVEN = 20
-"""Triples solved with the numbering they have, the most congruent ones."""
-MOST_VIEWS = 100
-"""Views of a longer session that the search goes over; what is found then numbers every view."""
+AS_GIVEN, DRAWN_AS_GIVEN = 20, 500
+"""Triples solved with the numbering they have, the most congruent ones of so many."""
+MOST_VIEWS, MOST_SUSPECTS = 100, 20
+"""Views of a longer session that the search goes over, and those besides whose numbering looks wrong; what is found
+then numbers every view."""
 REFINED = 12
 """Numberings that are refined and compared, the best ones."""
 STEPS = 5
@@ -47,8 +48,11 @@ FLOOR = 1e-5
 """Radians below which a deviation is rounding: no camera sees a thousandth of a degree."""
 MAXWELL_MEDIAN = 1.5382
 """Median of the norm of a three-dimensional Gaussian vector, in sigmas."""
-NEAR_SIGMAS = 6.0
-"""Views within six sigma of the median's are compared; others are wrong for another reason, or seen too badly."""
+NEAR_SIGMAS, NEAR = 6.0, np.deg2rad(5.0)
+"""Views within six sigma of the median's are compared; others are wrong for another reason, or seen too badly. Five
+degrees are near in any case: few views fit some numbering by chance, and their median says little."""
+LEAST_AGREEING = 6
+"""Views that judge a hypothesis, where there are as many: of the numberings of three or four, some fit by chance."""
 AGREE = 0.25
 """Rotations that agree to a quarter of the motion's are consistent: noise gives some per cent, chance 1."""
 P = 1e-3
@@ -71,17 +75,26 @@ class Numbering:
 
 @dataclass(frozen=True, eq=False)
 class _Hypotheses:
-    """h hypotheses: the side of the robot's poses each belongs to, R_X (h, 3, 3), steps (h, n), angle (h, n) left of
-    every view, score (h,) by the half of the views that agrees best."""
+    """h hypotheses: the side of the robot's poses each belongs to, R_X and R_Z (h, 3, 3), steps (h, n), angle (h, n)
+    left of every view, score (h,) by the half of the views that agrees best."""
 
     side: Steps
     R_X: Array
+    R_Z: Array
     steps: Steps
     angle: Array
     score: Array
 
-    def take(self, rows: Steps) -> _Hypotheses:
-        return _Hypotheses(self.side[rows], self.R_X[rows], self.steps[rows], self.angle[rows], self.score[rows])
+    def take(self, rows: Steps | list[int]) -> _Hypotheses:
+        return _Hypotheses(*(field[rows] for field in self.fields))
+
+    @property
+    def fields(self) -> tuple[NDArray, ...]:
+        return self.side, self.R_X, self.R_Z, self.steps, self.angle, self.score
+
+    @property
+    def best(self) -> int:
+        return int(np.argmin(self.score))
 
 
 def find_numbering(sides: Sequence[Array], R_B: Array, order: int) -> Numbering:
@@ -96,14 +109,14 @@ def find_numbering(sides: Sequence[Array], R_B: Array, order: int) -> Numbering:
         return given
     G = so3.exp(np.arange(order)[:, None] * [0.0, 0.0, 2 * np.pi / order])
     rows = sample(n, MOST_VIEWS)
-    some = [R_A[rows] for R_A in sides]
-    B = R_B[rows]
-    plain = _searched(some, B, G, as_given=True)
-    if _keeps(plain, order):
+    plain = _searched([R_A[rows] for R_A in sides], R_B[rows], G, as_given=True)
+    suspects = _suspects(plain.take([plain.best]), sides, R_B, G)
+    if len(suspects) == 0:
         return given
-    found = _refined(some, B, G, _searched(some, B, G, as_given=False))
-    best = int(np.argmin(found.score))
-    return _judged(sides, R_B, G, rows, found, best, plain)
+    rows = np.union1d(rows, suspects[:MOST_SUSPECTS])
+    some = [R_A[rows] for R_A in sides]
+    found = _refined(some, R_B[rows], G, _searched(some, R_B[rows], G, as_given=False))
+    return _judged(sides, R_B, G, rows, found, plain)
 
 
 def congruence(R_A: Array, R_B: Array, order: int) -> float:
@@ -117,12 +130,12 @@ def congruence(R_A: Array, R_B: Array, order: int) -> float:
     return float(np.median(off[np.triu_indices(len(rows), 1)]))
 
 
-def _keeps(plain: _Hypotheses, order: int) -> bool:
-    """True when the numbering as given is each view's nearest, at least of those that fit at all."""
-    best = int(np.argmin(plain.score))
-    fits = plain.angle[best] < np.pi / (2 * order)
-    # Half of the views must say so: fewer agree with anything.
-    return bool(2 * fits.sum() > len(fits) and not plain.steps[best, fits].any())
+def _suspects(one: _Hypotheses, sides: Sequence[Array], R_B: Array, G: Array) -> Steps:
+    """Rows of the views that another numbering than the one given brings nearer, by the hypothesis that favours it."""
+    every = _nearest(one.side, sides[one.side[0]], R_B, G, one.R_X, one.R_Z)
+    fits = every.angle[0] < np.pi / (2 * len(G))
+    # Where less than half of the views agree with anything, all are suspect.
+    return np.flatnonzero(fits & (every.steps[0] > 0) if 2 * fits.sum() > len(fits) else np.ones(len(fits), dtype=bool))
 
 
 def _searched(sides: Sequence[Array], R_B: Array, G: Array, *, as_given: bool) -> _Hypotheses:
@@ -131,6 +144,8 @@ def _searched(sides: Sequence[Array], R_B: Array, G: Array, *, as_given: bool) -
     turned = R_B[None] @ G[:, None]
     angles_B = _angles(R_B, turned)
     drawn = _triples(n)
+    if as_given:
+        drawn = drawn[:: max(1, len(drawn) // DRAWN_AS_GIVEN)]
     first, second = np.divmod(np.arange(1 if as_given else k * k), k)
     found = []
     for number, R_A in enumerate(sides):
@@ -146,7 +161,7 @@ def _searched(sides: Sequence[Array], R_B: Array, G: Array, *, as_given: bool) -
         triple, way = np.divmod(chosen, len(first))
         steps = np.column_stack([np.zeros(len(chosen), dtype=np.intp), first[way], second[way]])
         found.append(_of_triples(number, R_A, R_B, G, drawn[triple], steps))
-    return _joined(found)
+    return _Hypotheses(*(np.concatenate(fields) for fields in zip(*(f.fields for f in found))))
 
 
 def _triples(n: int) -> Steps:
@@ -182,19 +197,9 @@ def _nearest(side: Steps, R_A: Array, R_B: Array, G: Array, R_X: Array, R_Z: Arr
     traces = loops @ np.swapaxes(wanted, 1, 2)
     steps = np.argmax(traces, axis=2)
     angle = np.arccos(np.clip((np.take_along_axis(traces, steps[..., None], axis=2)[..., 0] - 1) / 2, -1, 1))
-    half = max(3, angle.shape[1] // 2 + 1)
+    half = max(min(LEAST_AGREEING, angle.shape[1]), angle.shape[1] // 2 + 1)
     score = np.log(np.partition(angle, half - 1, axis=1)[:, :half] + FLOOR).sum(axis=1)
-    return _Hypotheses(side, R_X, steps, angle, score)
-
-
-def _joined(some: Sequence[_Hypotheses]) -> _Hypotheses:
-    return _Hypotheses(
-        np.concatenate([s.side for s in some]),
-        np.concatenate([s.R_X for s in some]),
-        np.concatenate([s.steps for s in some]),
-        np.concatenate([s.angle for s in some]),
-        np.concatenate([s.score for s in some]),
-    )
+    return _Hypotheses(side, R_X, R_Z, steps, angle, score)
 
 
 def _refined(sides: Sequence[Array], R_B: Array, G: Array, found: _Hypotheses) -> _Hypotheses:
@@ -211,7 +216,7 @@ def _refined(sides: Sequence[Array], R_B: Array, G: Array, found: _Hypotheses) -
 def _near(angle: Array) -> NDArray[np.bool_]:
     """Views (h, n) whose angles are within what noise makes of the median's."""
     sigma = np.median(angle, axis=1, keepdims=True) / MAXWELL_MEDIAN + FLOOR
-    return np.asarray(angle <= NEAR_SIGMAS * sigma)
+    return np.asarray(angle <= np.maximum(NEAR_SIGMAS * sigma, NEAR))
 
 
 def _fitted(R_A: Array, R_B: Array, R_X: Array, used: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
@@ -236,10 +241,10 @@ def _fitted(R_A: Array, R_B: Array, R_X: Array, used: NDArray[np.bool_]) -> tupl
 
 
 def _judged(
-    sides: Sequence[Array], R_B: Array, G: Array, rows: Steps, found: _Hypotheses, best: int, plain: _Hypotheses
+    sides: Sequence[Array], R_B: Array, G: Array, rows: Steps, found: _Hypotheses, plain: _Hypotheses
 ) -> Numbering:
     """The best numbering against the one given and against all others, over the views that are near it."""
-    n, k = len(R_B), len(G)
+    n, k, best = len(R_B), len(G), found.best
     given = Numbering(np.zeros(n, dtype=np.intp), "given")
     near = _near(found.angle[best : best + 1])[0]
     used, m = rows[near], int(near.sum())

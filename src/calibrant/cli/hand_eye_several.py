@@ -272,6 +272,7 @@ def _only_reading(robot: str, data: hand_eye_data.PairedData, known: Sequence[_L
 def _read(request: SeveralRequest, camera: str, robot: str, images: tuple[str, ...]) -> _List:
     """One list of photos: paired, examined, its moments called as the poses are."""
     from calibrant.calibrate.hand_eye.several_setting import ONLY_ROBOT, STANDING, Pictures
+    from calibrant.calibrate.hand_eye.turned_boards import NAME
     from calibrant.data import Check
 
     if robot not in request.poses:
@@ -298,7 +299,7 @@ def _read(request: SeveralRequest, camera: str, robot: str, images: tuple[str, .
     decision = diagnosis.poses.decision
     checks = (
         Check(f"pose-reading-{camera}", "ok", f"{words}: {decision.message}", decision.confidence),
-        *(replace(f.check, message=f"{words}: {f.check.message}") for f in diagnosis.findings),
+        *(replace(f.check, message=f"{words}: {f.check.message}") for f in diagnosis.findings if f.name != NAME),
         Check(f"pairing-{camera}", "ok", f"{words}: {data.pairing}"),
     )
     pictures = Pictures(camera, diagnosis.poses.setup, seen, name, _target_name(request, label))

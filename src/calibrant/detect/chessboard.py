@@ -217,7 +217,8 @@ def _ambiguous(target: Chessboard) -> str:
         f"a chessboard of {target.columns}x{target.rows} inner corners looks the same turned by "
         f"{target.turns_unnoticed_deg}°, so its orientation cannot be known: corners are numbered with x running right "
         "or down in the image. hand-eye tells by the robot's motion which way it is; elsewhere keep its turn about the "
-        "viewing direction within ±45° of upright in all views, or use a board with one even and one odd count of corners."
+        "viewing direction within ±45° of upright in all views, or use a board with one even and one odd count of "
+        "corners."
     )
 
 

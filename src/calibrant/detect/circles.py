@@ -161,9 +161,9 @@ def _with_notes(detection: Detection, target: Circles, *, negative: bool) -> Det
     if target.turns_unnoticed_deg is not None:
         notes.append(
             f"A grid of {target.columns}x{target.rows} circles looks the same turned by {target.turns_unnoticed_deg}°: "
-            "circles are numbered with x running right or down in the image. hand-eye tells by the robot's motion which "
-            "way it is; elsewhere keep its turn about the viewing direction within ±45° of upright in all views, or use "
-            "one with a big dot, or an asymmetric one of odd rows."
+            "circles are numbered with x running right or down in the image. hand-eye tells by the robot's motion "
+            "which way it is; elsewhere keep its turn about the viewing direction within ±45° of upright in all views, "
+            "or use one with a big dot, or an asymmetric one of odd rows."
         )
     return replace(detection, notes=tuple(notes))
 

@@ -17,6 +17,7 @@ from calibrant.calibrate.hand_eye.joint import CameraRole, prior_camera
 from calibrant.calibrate.hand_eye.joint_offsets import FreeJoints, JointReadings, free_joints
 from calibrant.calibrate.hand_eye.photos import judge
 from calibrant.calibrate.hand_eye.several_file import PICTURES
+from calibrant.calibrate.hand_eye.several_numbering import numbered_alike
 from calibrant.calibrate.hand_eye.several_problem import (
     Several,
     fitted_cameras,
@@ -44,7 +45,7 @@ from calibrant.calibrate.hand_eye.views import HandEyeViews, from_observations, 
 from calibrant.calibrate.intrinsics import calibrate_keeping
 from calibrant.calibrate.provenance import refuse_if_failed, stamp
 from calibrant.cameras import Camera
-from calibrant.data import CalibrationResult, Observations, RobotPoses, View, ViewResult
+from calibrant.data import CalibrationResult, Observations, RobotPoses, View, ViewResult, verdict_of
 from calibrant.errors import InputError, RefusedError
 from calibrant.optimize.noise import NoiseEstimate, estimate_noise
 
@@ -93,7 +94,7 @@ def calibrate_several(
             f"intrinsics of camera {stray[0]!r}, which has no pictures; there are {', '.join(where.cameras)}"
         )
     seen = {name: _seen(where, name, known.get(name), model, fix) for name in where.cameras}
-    data = _matched(where, seen)
+    where, data, numbering = numbered_alike(where, _matched(where, seen))
     free = {name: free_joints(r, identify) for name, r in _readings(where, joints).items()}
     start = several_start(where, data)
     roles = {name: s.role for name, s in seen.items()}
@@ -114,7 +115,9 @@ def calibrate_several(
         "cameras": {name: "given" if name in known else "calibrated from the same images" for name in where.cameras},
         **({"identify": list(identify)} if free else {}),
     }
-    result = stamp(several_result(several, noise, left_out, options))
+    result = several_result(several, noise, left_out, options)
+    checks = (*numbering, *result.checks)
+    result = stamp(replace(result, checks=checks, verdict=verdict_of(checks)))
     refuse_if_failed(result)
     return result
 

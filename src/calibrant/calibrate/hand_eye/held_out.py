@@ -1,7 +1,8 @@
 """Held-out error: calibrate without a pose, then ask where that pose sees the target.
 
 Every pose is held out once, alone up to `ALONE` poses and in `GROUPS` groups beyond. The noise levels stay those of the
-full fit; the solve starts from it, so that each costs a few steps.
+full fit; the solve starts from it, and where one step leads to its end that step is the full fit's equations less what
+the poses held out have in them (`fit_without`).
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.calibrate.hand_eye.fit_without import pose_shares
 from calibrant.calibrate.hand_eye.joint import CameraRole, image_problem
 from calibrant.calibrate.hand_eye.setup import Setup
 from calibrant.calibrate.pose_pairs import pose_pair_problem
@@ -62,10 +64,16 @@ def leave_out(
     """Held-out errors of all poses."""
     n = len(B)
     groups = np.arange(n) % (n if n <= ALONE else GROUPS)
+    # Views without a robot pose start where they were found, not where the fit put them: no step from the fit's end.
+    shares = None if role.extra else pose_shares(fit, "T_base_gripper")
     mm, deg, px = np.empty(n), np.empty(n), np.empty(n)
     for fold in range(int(groups.max()) + 1):
         out = groups == fold
-        X, Z, camera = _fit_without(setup, T_base_gripper, B, views, role, fit, sigmas, out)
+        end = None if shares is None else shares.without(out)
+        if end is not None and end[1] <= NEAR:
+            X, Z, camera = _unknowns(setup, role, fit.problem, end[0], of_images=views is not None)
+        else:
+            X, Z, camera = _fit_without(setup, T_base_gripper, B, views, role, fit, sigmas, out)
         A = setup.normal_form(T_base_gripper[out])
         delta = se3.local(Z, A @ X @ B[out])
         deg[out] = np.rad2deg(np.linalg.norm(delta[:, :3], axis=1))
@@ -86,25 +94,28 @@ def _fit_without(
     sigmas: Mapping[str, float],
     out: NDArray[np.bool_],
 ) -> tuple[Array, Array, Camera]:
+    """Camera and target transform and the camera of a fit without the poses `out`, where one step does not lead."""
     X, Z = fit.value(setup.camera_transform)[0], fit.value(setup.target_transform)[0]
     keep = ~out
     if views is None:
         problem = pose_pair_problem(setup, T_base_gripper[keep], B[keep], X=X, Z=Z, sigmas=sigmas)
         start = list(problem.start)
-        start[problem.variable_index("T_base_gripper")] = fit.value("T_base_gripper")[keep]
-        values = _end(problem, tuple(start))
-        camera = role.camera
     else:
         kept = [v for v, k in zip(views, keep) if k]
         problem = image_problem(setup, kept, T_base_gripper[keep], role, X=X, Z=Z, sigmas=sigmas)
         start = list(problem.start)
-        start[problem.variable_index("T_base_gripper")] = fit.value("T_base_gripper")[keep]
         start[problem.variable_index("camera")] = fit.value("camera")
-        values = _end(problem, tuple(start))
-        theta = values[problem.variable_index("camera")][0]
-        camera = Camera(role.camera.model, role.camera.image_size, theta)
+    start[problem.variable_index("T_base_gripper")] = fit.value("T_base_gripper")[keep]
+    return _unknowns(setup, role, problem, _end(problem, tuple(start)), of_images=views is not None)
+
+
+def _unknowns(
+    setup: Setup, role: CameraRole, problem: Problem, values: Values, *, of_images: bool
+) -> tuple[Array, Array, Camera]:
     X, Z = (values[problem.variable_index(name)][0] for name in (setup.camera_transform, setup.target_transform))
-    return X, Z, camera
+    if not of_images:
+        return X, Z, role.camera
+    return X, Z, Camera(role.camera.model, role.camera.image_size, values[problem.variable_index("camera")][0])
 
 
 def _end(problem: Problem, start: Values) -> Values:

@@ -13,6 +13,7 @@ handed out (`joint` weighs pixels and robot).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,11 +45,11 @@ class Model:
     target_of: Groups
     free_scale: bool = False
 
-    @property
+    @cached_property
     def cameras(self) -> int:
         return int(self.camera_of.max()) + 1
 
-    @property
+    @cached_property
     def targets(self) -> int:
         return int(self.target_of.max()) + 1
 
@@ -171,7 +172,7 @@ def scaled(B: Array, scale: float) -> Array:
 
 
 def _start_targets(A: Array, B: Array, Xs: Array, model: Model, used: NDArray[np.bool_], scale: float) -> Array:
-    loops = A @ Xs[model.camera_of] @ scaled(B, scale)
+    loops = A @ (Xs[0] if model.cameras == 1 else Xs[model.camera_of]) @ scaled(B, scale)
     targets = []
     for k in range(model.targets):
         mine = used & (model.target_of == k)
@@ -186,21 +187,24 @@ def linearised(A: Array, B: Array, Xs: Array, Zs: Array, scale: float, model: Mo
     omega <- omega + R_A dX_omega - dZ_omega,  v <- v + R_A (dX_v + dX_omega x R_X t_B) - dZ_v + R_A R_X t_B ds
     """
     n = len(A)
-    X, Z = Xs[model.camera_of], Zs[model.target_of]
+    # One transform for all is broadcast: a copy of it for every view costs as much as the rest.
+    X = Xs[0] if model.cameras == 1 else Xs[model.camera_of]
+    Z = Zs[0] if model.targets == 1 else Zs[model.target_of]
     deviation = se3.local(Z, A @ X @ scaled(B, scale))
     R_A = A[:, :3, :3]
-    arm = np.einsum("nij,nj->ni", X[:, :3, :3], B[:, :3, 3])
-    of_X = np.zeros((n, 6, 6))
-    of_X[:, :3, :3] = of_X[:, 3:, 3:] = R_A
-    of_X[:, 3:, :3] = -R_A @ so3.hat(scale * arm)
+    arm = np.asarray((X[..., :3, :3] @ B[:, :3, 3, None])[..., 0])
+    of_arm = -R_A @ so3.hat(scale * arm)
     rows = np.zeros((n, 6, model.unknowns))
     for k in range(model.cameras):
-        rows[model.camera_of == k, :, 6 * k : 6 * k + 6] = of_X[model.camera_of == k]
+        mine = slice(None) if model.cameras == 1 else model.camera_of == k
+        rows[mine, :3, 6 * k : 6 * k + 3] = rows[mine, 3:, 6 * k + 3 : 6 * k + 6] = R_A[mine]
+        rows[mine, 3:, 6 * k : 6 * k + 3] = of_arm[mine]
     first = 6 * model.cameras
     for k in range(model.targets):
-        rows[model.target_of == k, :, first + 6 * k : first + 6 * k + 6] = -np.eye(6)
+        mine = slice(None) if model.targets == 1 else model.target_of == k
+        rows[mine, :, first + 6 * k : first + 6 * k + 6] = -np.eye(6)
     if model.free_scale:
-        rows[:, 3:, -1] = np.einsum("nij,nj->ni", R_A, arm)
+        rows[:, 3:, -1] = (R_A @ arm[..., None])[..., 0]
     return deviation, rows
 
 

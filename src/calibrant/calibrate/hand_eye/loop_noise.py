@@ -112,20 +112,22 @@ def fit_loop_noise(
     shared = np.zeros((n, 6, 0)) if common is None else of_B @ common
     state = _State(begin.X, begin.Z, begin.scale, np.zeros(shared.shape[2]))
     floors = FLOORS if covariance is None else np.array([*FLOORS[:2], least_px**2])
-    theta = np.maximum(_first_guess(V[:, used], begin.deviation[used]), floors)
+    V_used = V if used.all() else V[:, used]
+    theta = np.maximum(_first_guess(V_used, begin.deviation[used]), floors)
     moving = slice(None) if held_px is None else slice(2)
     if held_px is not None:
         theta[2] = held_px**2
     for _ in range(MAX_ROUNDS):
-        d, J = _linearised(A, B, state, shared, model)
-        rows = np.linalg.inv(np.einsum("k,knij->nij", theta, V[:, used])) @ J[used]
-        N = _covariance(J[used], rows, model.unknowns)
-        gradient = np.einsum("nip,ni->p", rows, d[used])
+        d, J = (M[used] for M in _linearised(A, B, state, shared, model))
+        weight = np.linalg.inv(_noise(theta, V_used))
+        rows = weight @ J
+        N = _covariance(J, rows, model.unknowns)
+        gradient = _flat(rows).T @ d.reshape(-1)
         gradient[model.unknowns :] += state.errors
         step = -N @ gradient
         state = _moved(state, step, model)
         change = np.zeros(len(theta))
-        change[moving] = _scoring(theta, V[:, used], rows, N, d[used] + J[used] @ step, moving)
+        change[moving] = _scoring(theta[moving], V_used[moving], weight, rows, N, d + J @ step)
         new = theta * np.exp(np.clip(change, -LONGEST_STEP, LONGEST_STEP))
         new[moving] = np.maximum(new[moving], floors[moving])
         settled = bool(np.all(np.abs(np.log(new / theta)) < SETTLED))
@@ -133,9 +135,9 @@ def fit_loop_noise(
         if settled:
             break
     d, J = _linearised(A, B, state, shared, model)
-    noise = np.einsum("k,knij->nij", theta, V)
+    noise = _noise(theta, V)
     # A view that did not take part is besides off by what the fit leaves uncertain.
-    noise = noise + np.where(used[:, None, None], 0.0, J @ N @ np.swapaxes(J, 1, 2))
+    noise[~used] += J[~used] @ N @ np.swapaxes(J[~used], 1, 2)
     levels = np.sqrt(theta)
     return LoopNoise(
         state.Xs[0],
@@ -149,8 +151,8 @@ def fit_loop_noise(
         np.einsum("ni,ni->n", d, np.linalg.solve(noise, d[..., None])[..., 0]),
         used,
         (6 * int(used.sum()) - model.unknowns) / SHARES,
-        _log_likelihood(np.einsum("k,knij->nij", theta, V[:, used]), d[used], N, state.errors),
-        float(np.sqrt(np.linalg.pinv(_information(theta, V[:, used]), hermitian=True)[2, 2])),
+        _log_likelihood(_noise(theta, V_used), d[used], N, state.errors),
+        float(np.sqrt(np.linalg.pinv(_information(theta, V_used), hermitian=True)[2, 2])),
     )
 
 
@@ -177,7 +179,7 @@ def _moved(state: _State, step: Array, model: Model) -> _State:
 
 def _covariance(J: Array, rows: Array, unknowns: int) -> Array:
     """(J^T C^-1 J + prior)^-1; the prior is the unit variance of what all views share."""
-    normal = np.einsum("nip,niq->pq", J, rows)
+    normal = _flat(J).T @ _flat(rows)
     normal[range(unknowns, len(normal)), range(unknowns, len(normal))] += 1.0
     return np.asarray(np.linalg.pinv(normal, rcond=1e-14, hermitian=True), dtype=np.float64)
 
@@ -221,19 +223,32 @@ def _log_likelihood(C: Array, d: Array, N: Array, errors: Array) -> float:
 
 def _information(theta: Array, V: Array) -> Array:
     """(3, 3) of ln theta, restricted to first order: tr(C^-1 V_k C^-1 V_l) / 2 over the views."""
-    WV = np.linalg.inv(np.einsum("k,knij->nij", theta, V)) @ V
-    return np.asarray(0.5 * np.einsum("knij,lnji->kl", WV, WV) * np.outer(theta, theta))
+    return np.asarray(0.5 * _traces(np.linalg.inv(_noise(theta, V)) @ V) * np.outer(theta, theta))
 
 
-def _scoring(theta: Array, V: Array, rows: Array, N: Array, d: Array, moving: slice) -> Array:
-    """Change of ln theta of the sources that move: theta_k score_k over the information, of REML. rows: C^-1 J."""
-    weight = np.linalg.inv(np.einsum("k,knij->nij", theta, V))
-    g = np.einsum("nij,nj->ni", weight, d)
-    V = V[moving]
-    theta = theta[moving]
-    WV = weight @ V
-    quadratic = np.einsum("ni,knij,nj->k", g, V, g)
-    lost = np.einsum("knip,nip->k", V @ rows @ N, rows)
-    information = np.einsum("knij,lnji->kl", WV, WV)
-    score = theta * (quadratic - np.einsum("knii->k", WV) + lost)
-    return np.asarray(np.linalg.lstsq(information * np.outer(theta, theta), score, rcond=1e-9)[0])
+def _scoring(theta: Array, V: Array, weight: Array, rows: Array, N: Array, d: Array) -> Array:
+    """Change of ln theta of the sources given: theta_k score_k over the information, of REML.
+
+    weight: C^-1; rows: C^-1 J; d, after the step, where P d = C^-1 d. With g = C^-1 d and M = C^-1 J N J^T C^-1 the
+    score of each is the sum of V_k times g g^T + M - C^-1, number by number.
+    """
+    g = weight @ d[..., None]
+    inner = g @ np.swapaxes(g, 1, 2) + rows @ N @ np.swapaxes(rows, 1, 2) - weight
+    score = theta * (V.reshape(len(V), -1) @ inner.reshape(-1))
+    information = _traces(weight @ V) * np.outer(theta, theta)
+    return np.asarray(np.linalg.lstsq(information, score, rcond=1e-9)[0])
+
+
+def _noise(theta: Array, V: Array) -> Array:
+    """C (n, 6, 6), the sum of theta_k V_k."""
+    return np.asarray((theta @ V.reshape(len(V), -1)).reshape(V.shape[1:]))
+
+
+def _traces(M: Array) -> Array:
+    """(k, l) sums over the views of tr(M_k M_l) for M (k, n, 6, 6)."""
+    return np.asarray(M.reshape(len(M), -1) @ np.swapaxes(M, 2, 3).reshape(len(M), -1).T)
+
+
+def _flat(blocks: Array) -> Array:
+    """(n, 6, p) as (6 n, p)."""
+    return blocks.reshape(-1, blocks.shape[-1])

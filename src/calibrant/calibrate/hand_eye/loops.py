@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calibrant.calibrate.hand_eye.relative import PosePairs, sample
+from calibrant.calibrate.hand_eye.relative import PosePairs, pose_pairs, sample
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
 
@@ -61,7 +61,7 @@ def loop_errors(A: ArrayLike, B: ArrayLike, X: ArrayLike) -> LoopErrors:
     Args: A (n, 4, 4) and B (n, 4, 4) = T_camera_target in the normal form A_i X B_i = Z, metres; X (4, 4).
     Raises: InputError for shapes that do not match, matrices that are not rigid, or no views.
     """
-    return errors_of(PosePairs(np.asarray(A), np.asarray(B)), X)
+    return errors_of(pose_pairs(A, B), X)
 
 
 def errors_of(pairs: PosePairs, X: ArrayLike) -> LoopErrors:
@@ -77,7 +77,7 @@ def loop_consistency(A: ArrayLike, B: ArrayLike, X: ArrayLike) -> LoopConsistenc
 
     The centre minimises the sum of distances, not of their squares (geometric median, L1 mean of rotations).
     """
-    return consistency_of(PosePairs(np.asarray(A), np.asarray(B)), X)
+    return consistency_of(pose_pairs(A, B), X)
 
 
 def consistency_of(pairs: PosePairs, X: ArrayLike) -> LoopConsistency:
@@ -130,22 +130,22 @@ def _median_transform(T: Array) -> Array:
     centre, t = candidates[int(np.argmin(distance.sum(axis=1)))], np.median(T[:, :3, 3], axis=0)
     for _ in range(30):  # linear convergence
         omega, delta = so3.log(R @ centre.T), T[:, :3, 3] - t
-        turn, move = _weiszfeld_step(omega), _weiszfeld_step(delta)
+        (turn, turn_settled), (move, move_settled) = _weiszfeld_step(omega), _weiszfeld_step(delta)
         centre, t = so3.exp(turn) @ centre, t + move
-        if _settled(turn, omega) and _settled(move, delta):
+        if turn_settled and move_settled:
             break
     return se3.make(centre, t)
 
 
-def _settled(step: Array, deltas: Array) -> bool:
-    """A step of a thousandth of the typical distance: a median of n distances is uncertain by far more."""
-    return float(np.linalg.norm(step)) <= 1e-3 * float(np.median(np.linalg.norm(deltas, axis=1)))
+def _weiszfeld_step(delta: Array) -> tuple[Array, bool]:
+    """Mean of vectors (n, 3) weighted by 1 / length, lengths below rounding taken as rounding; and whether it settles.
 
-
-def _weiszfeld_step(delta: Array) -> Array:
-    """Mean of vectors (n, 3) weighted by 1 / length; lengths below rounding are taken as rounding."""
-    weight = 1 / np.maximum(np.linalg.norm(delta, axis=1), 1e-12)
-    return (weight / weight.sum()) @ delta
+    It does with a thousandth of the typical length: a median of n lengths is uncertain by far more.
+    """
+    length = np.sqrt(np.sum(delta * delta, axis=1))
+    weight = 1 / np.maximum(length, 1e-12)
+    step = (weight / weight.sum()) @ delta
+    return step, float(np.sqrt(step @ step)) <= 1e-3 * float(np.median(length))
 
 
 def _rms(values: Array) -> float:

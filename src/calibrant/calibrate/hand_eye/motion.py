@@ -17,11 +17,12 @@ translations and planar motions leave open); Chen 1991 (the screws of A and B ar
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calibrant.calibrate.hand_eye.relative import Index, PosePairs, RelativeMotions, odd_part, sample
+from calibrant.calibrate.hand_eye.relative import Index, PosePairs, odd_part, pose_pairs, sample
 from calibrant.data.results import Check
 from calibrant.errors import RefusedError
 
@@ -104,7 +105,7 @@ def motion_report(A: ArrayLike, B: ArrayLike, *, frame: str = "gripper") -> Moti
     axes are given: "gripper" for eye-in-hand, "base" for eye-to-hand.
     Raises: InputError for shapes that do not match or matrices that are not rigid.
     """
-    return report_of(PosePairs(np.asarray(A), np.asarray(B)), frame=frame)
+    return report_of(pose_pairs(A, B), frame=frame)
 
 
 def report_of(pairs: PosePairs, *, frame: str = "gripper") -> MotionReport:
@@ -119,10 +120,11 @@ def report_of(pairs: PosePairs, *, frame: str = "gripper") -> MotionReport:
     undetermined = any(f.status == "fail" for f in axes)
     predicted = float("inf") if undetermined else float(np.rad2deg(sigma * spectrum.dilution))
     # Motions that are noise, or so few that chance agrees or not, say nothing about the pairing.
-    agreement = () if undetermined or distinct < FEW_POSES else _agreement(pairs.motions)
+    agreement = () if undetermined or distinct < FEW_POSES else _agreement(pairs)
     return MotionReport((poses, *axes, *agreement), distinct, float(np.rad2deg(sigma)), predicted)
 
 
+@lru_cache(maxsize=4)
 def rotation_noise(pairs: PosePairs) -> float:
     """sigma of a pose's rotation about one axis, rad: A and B see the same angle, so the difference is noise alone.
 
@@ -159,6 +161,7 @@ class _Spectrum:
         return float("inf") if self.off_axis <= 0 else float(1 / np.sqrt(self.off_axis))
 
 
+@lru_cache(maxsize=4)
 def _spectrum(pairs: PosePairs) -> _Spectrum:
     """See _Spectrum. Of robot and camera the one that rotates less counts: noise may hide a robot that cannot tilt."""
     m, scale = pairs.motions, (len(pairs) - 1) / 2
@@ -252,8 +255,10 @@ def _dilution_findings(
     return parallel, MotionFinding("small-rotations", "warn", message, s.dilution)
 
 
-def _agreement(m: RelativeMotions) -> tuple[MotionFinding, ...]:
+@lru_cache(maxsize=4)
+def _agreement(pairs: PosePairs) -> tuple[MotionFinding, ...]:
     """Congruence of screws, whatever X is: A_ij and B_ij turn by the same angle and advance as far along their axis."""
+    m = pairs.motions
     angle_a, angle_b = np.linalg.norm(m.alpha, axis=1), np.linalg.norm(m.beta, axis=1)
     by_angle = _chance_ratio(angle_a, angle_b)
     # The advance needs an axis: the half of the motions that rotate more has the better ones.
@@ -288,7 +293,7 @@ def _advance(T: Array, omega: Array) -> Array:
 def _chance_ratio(a: Array, b: Array) -> float:
     """Median |a - b| of matching motions over that of wrongly matched ones (all cyclic shifts of b, at most 20)."""
     shifts = (
-        np.unique(np.linspace(1, len(b) - 1, min(20, len(b) - 1)).astype(int))
+        np.linspace(1, len(b) - 1, min(20, len(b) - 1)).astype(int)  # a step of 1 and more: none is there twice
         if len(b) > 1
         else np.array([], dtype=int)
     )
@@ -298,6 +303,7 @@ def _chance_ratio(a: Array, b: Array) -> float:
     return float(np.median(np.abs(a - b))) / scale if scale > 1e-9 else 0.0
 
 
+@lru_cache(maxsize=4)
 def _distinct_poses(pairs: PosePairs) -> int:
     """Number of distinct poses, a pose and the target seen from it together; counting stops at MANY_POSES."""
     # Of a long session a part usually holds that many.
@@ -308,21 +314,22 @@ def _distinct_poses(pairs: PosePairs) -> int:
     return count
 
 
-def _distinct_of(pairs: PosePairs, left: Index) -> int:
+def _distinct_of(pairs: PosePairs, rows: Index) -> int:
+    """Poses that are counted one by one, each with all that equal it within what robots repeat."""
+    # |R - R'|_F = 2 sqrt(2) sin(angle / 2), about sqrt(2) angle.
+    parts = [
+        part
+        for T in (pairs.A[rows], pairs.B[rows])
+        for part in (T[:, :3, :3].reshape(-1, 9) / (np.sqrt(2) * SIGMA_ROTATION[0]), T[:, :3, 3] / SAME_POSE_METRES)
+    ]
+    starts = np.cumsum([0, *(part.shape[1] for part in parts[:-1])])
+    left = np.concatenate(parts, axis=1)
     count = 0
     while len(left) and count < MANY_POSES:
         count += 1
-        here = left[0]
-        same = _same(pairs.A[left], pairs.A[here]) & _same(pairs.B[left], pairs.B[here])
-        left = left[~same]
+        apart = np.add.reduceat((left - left[0]) ** 2, starts, axis=1) >= 1
+        left = left[apart.any(axis=1)]
     return count
-
-
-def _same(T: Array, other: Array) -> NDArray[np.bool_]:
-    """True where T (n, 4, 4) equals `other` within what robots repeat."""
-    # |R - R'|_F = 2 sqrt(2) sin(angle / 2), about sqrt(2) angle.
-    rotation = np.linalg.norm(T[:, :3, :3] - other[:3, :3], axis=(1, 2)) < np.sqrt(2) * SIGMA_ROTATION[0]
-    return rotation & (np.linalg.norm(T[:, :3, 3] - other[:3, 3], axis=1) < SAME_POSE_METRES)
 
 
 def _axis_text(axis: Array) -> str:

@@ -11,7 +11,7 @@ into the robot's.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -111,6 +111,20 @@ class PosePairs:
         return size if size > 0 else 1.0
 
 
+def pose_pairs(A: ArrayLike, B: ArrayLike) -> PosePairs:
+    """The pairs of A and B (n, 4, 4); the same object for the same numbers, while it is among the last asked for.
+
+    Doctor and calibration ask many things of one set of poses: what they have in common is then computed once.
+    """
+    a, b = np.ascontiguousarray(A, dtype=np.float64), np.ascontiguousarray(B, dtype=np.float64)
+    return _kept_pairs(a.shape, a.tobytes(), b.shape, b.tobytes())
+
+
+@lru_cache(maxsize=4)
+def _kept_pairs(shape_a: tuple[int, ...], a: bytes, shape_b: tuple[int, ...], b: bytes) -> PosePairs:
+    return PosePairs(np.frombuffer(a).reshape(shape_a), np.frombuffer(b).reshape(shape_b))
+
+
 def pair_indices(n: int) -> tuple[Index, Index]:
     """Pairs (i, j) of n poses: all of them up to MAX_PAIRS; beyond, every pose with those s places later (cyclic).
 
@@ -119,7 +133,8 @@ def pair_indices(n: int) -> tuple[Index, Index]:
     """
     if n * (n - 1) // 2 <= MAX_PAIRS:
         return np.triu_indices(n, 1)
-    strides = np.unique(np.linspace(1, (n - 1) // 2, max(3, MAX_PAIRS // n)).astype(np.intp))
+    strides = np.linspace(1, (n - 1) // 2, max(3, MAX_PAIRS // n)).astype(np.intp)
+    strides = strides[np.diff(strides, prepend=0) > 0]
     i = np.tile(np.arange(n), len(strides))
     return i, (i + np.repeat(strides, n)) % n
 

@@ -48,7 +48,7 @@ def decide_target_notation(robot: Sequence[PoseReading], target: Sequence[PoseRe
     n = len(target[0].ids)
     if len(target) == 1 or n < 4:  # three poses close the loop of many notations
         return TargetNotation(target[0], None)
-    some = np.unique(np.linspace(0, n - 1, min(n, MOST_POSES)).round().astype(int)).tolist()
+    some = np.linspace(0, n - 1, min(n, MOST_POSES)).round().astype(int).tolist()
     few = [r.take(some) for r in robot]
     candidates = [_Candidate(t, rank(few, t.take(some).T_base_gripper)[0]) for t in _sieved(robot, target)]
     first = candidates[0]

@@ -83,7 +83,7 @@ class PosePairs:
         i, j = pair_indices(len(self))
         A = se3.inverse(self.A[j]) @ self.A[i]
         B = self.B[j] @ se3.inverse(self.B[i])
-        alpha, beta = so3.log(A[:, :3, :3]), so3.log(B[:, :3, :3])
+        alpha, beta = _rotation_vectors(A[:, :3, :3]), _rotation_vectors(B[:, :3, :3])
         return RelativeMotions(i, j, A, B, alpha, _matching_branch(alpha, beta, self._rough_rotation(A, B)))
 
     @cached_property
@@ -149,6 +149,15 @@ def odd_part(R: ArrayLike) -> Array:
     m = np.asarray(R, dtype=np.float64)
     d = m - np.swapaxes(m, -1, -2)
     return np.stack([d[..., 2, 1], d[..., 0, 2], d[..., 1, 0]], axis=-1) / 2
+
+
+def _rotation_vectors(R: Array) -> Array:
+    """so3.log of (p, 3, 3), turns beyond 120 degrees apart from the others: they take three times as long."""
+    wide = np.einsum("pii->p", R) <= 0
+    out = np.empty(R.shape[:-1])
+    for rows in (wide, ~wide):
+        out[rows] = so3.log(R[rows])
+    return out
 
 
 def _matching_branch(alpha: Array, beta: Array, R_x: Array) -> Array:

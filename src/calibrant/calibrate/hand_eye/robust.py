@@ -169,9 +169,9 @@ def _solve_triples(A: Array, B: Array, triples: NDArray[np.intp]) -> Array:
 
 def log_misfit(d: Array) -> Array:
     """(n,) ln distance + ln angle of deviations (n, 6): the log-likelihood of a view whose noise is not known."""
-    return np.log(np.linalg.norm(d[:, 3:], axis=1) + FLOOR_METRES) + np.log(
-        np.linalg.norm(d[:, :3], axis=1) + FLOOR_RADIANS
-    )
+    squares = d * d
+    metres, radians = np.sqrt(squares[:, 3:].sum(axis=1)), np.sqrt(squares[:, :3].sum(axis=1))
+    return np.asarray(np.log((metres + FLOOR_METRES) * (radians + FLOOR_RADIANS)))
 
 
 def _concentrated(A: Array, B: Array, X: Array, c: Array, h: int) -> LoopFit:

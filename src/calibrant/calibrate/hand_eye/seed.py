@@ -8,8 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.loops import LoopConsistency, consistency_of, errors_of, loop_consistency
-from calibrant.calibrate.hand_eye.relative import PosePairs, sample
+from calibrant.calibrate.hand_eye.loops import (
+    LoopConsistency,
+    LoopErrors,
+    consistency_of,
+    loop_consistency,
+    loop_errors,
+)
+from calibrant.calibrate.hand_eye.relative import pose_pairs, sample
 from calibrant.calibrate.hand_eye.robust import robust_fit
 from calibrant.calibrate.hand_eye.solvers.registry import SOLVERS
 from calibrant.data import MethodResult
@@ -93,7 +99,7 @@ def seed_of_all(A: Array, B: Array) -> Seed:
 def _most_consistent(A: Array, B: Array) -> tuple[Array, Array, str]:
     best: tuple[float, Array, Array, str] | None = None
     rows = sample(len(A), MOST_FOR_START if len(A) > LONG_SESSION else len(A))
-    pairs = PosePairs(A[rows], B[rows])
+    pairs = pose_pairs(A[rows], B[rows])
     refusals = []
     for name in SEEDING:
         try:
@@ -128,24 +134,23 @@ def _ratios(loop: LoopConsistency, certainty: Array) -> Array:
 def compare_methods(A: Array, B: Array) -> dict[str, MethodResult]:
     """Every closed-form solver on the same poses: its X and loop, or why it has none."""
     table = {}
-    pairs = PosePairs(A, B)
+    pairs = pose_pairs(A, B)
     for name, solver in SOLVERS.items():
         try:
-            X = solver.solve_pairs(pairs).X
+            found = solver.solve_pairs(pairs)
         except RefusedError as error:
             table[name] = MethodResult(None, None, None, str(error))
             continue
-        table[name] = _row(pairs, X)
+        table[name] = _row(found.X, found.loop)
     return table
 
 
 def method_result(A: Array, B: Array, X: Array) -> MethodResult:
     """A method's row of the table."""
-    return _row(PosePairs(A, B), X)
+    return _row(X, loop_errors(A, B, X))
 
 
-def _row(pairs: PosePairs, X: Array) -> MethodResult:
-    loop = errors_of(pairs, X)
+def _row(X: Array, loop: LoopErrors) -> MethodResult:
     return MethodResult(X, loop.rms_mm, loop.rms_deg)
 
 

@@ -20,6 +20,7 @@ from calibrant.diagnose.doctor.timing import times_of
 from calibrant.diagnose.hypotheses import Setup
 from calibrant.errors import InputError
 from calibrant.formats.pose_readings import PoseReading
+from calibrant.geometry import se3
 
 Array = NDArray[np.float64]
 Asked = Setup | Literal["auto"]
@@ -54,7 +55,7 @@ def diagnose_poses(complete: Sequence[PoseReading], T_camera_target: Array, *, s
     Args: complete, readings of the robot poses, the most believable first (formats.poses.readings).
     Raises: RefusedError naming degenerate motions, or two readings that fit equally well.
     """
-    B = np.asarray(T_camera_target, dtype=np.float64)
+    B = se3.check(T_camera_target, name="T_camera_target")
     rows = np.arange(len(B))
     poses = decide_poses(complete, B, rows, setup=setup, measured=True)
     times = times_of(complete[0])

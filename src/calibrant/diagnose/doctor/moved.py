@@ -30,6 +30,8 @@ LOOKED_AT = 100
 """Places looked at in long sessions, and all around the best: the misfit falls from far towards the right place."""
 PROMISING = 0.02
 """Places whose quick look narrows the loop by less, per view, are not fitted: BETTER is a third and more."""
+MOST_COUNTED = 1_000_000
+"""Numbers that are counted at a time when medians are looked for at many places: some megabytes."""
 TRIED = 3
 """Places that are fitted after the quick look at all of them."""
 BETTER = 1.5
@@ -77,19 +79,47 @@ def _splits(case: Case, what: What) -> list[_Split]:
         # A X_i B = Z with Z as the others say: where each view puts the camera.
         d = se3.local(robust.X, se3.inverse(case.A) @ robust.Z @ se3.inverse(case.B))
     stride = max(1, n // LOOKED_AT)
-    values = {k: _split_misfit(d, k) for k in range(LEAST_PART, n - LEAST_PART + 1, stride)}
+    values = _split_misfits(d, range(LEAST_PART, n - LEAST_PART + 1, stride))
     if stride > 1:
         best = min(values, key=lambda k: values[k])
         near = range(max(LEAST_PART, best - stride), min(n - LEAST_PART, best + stride) + 1)
-        values |= {k: _split_misfit(d, k) for k in near}
+        values |= _split_misfits(d, near)
     least = float(log_misfit(d - np.median(d, axis=0)).sum()) - PROMISING * n
     likely = sorted((k for k in values if values[k] < least), key=lambda k: values[k])[:TRIED]
     return [s for k in likely if (s := _fitted(case, what, k)) is not None]
 
 
-def _split_misfit(d: Array, k: int) -> float:
-    """Misfit of deviations (n, 6) about a median of their own before and from row k on."""
-    return float(log_misfit(np.concatenate([part - np.median(part, axis=0) for part in (d[:k], d[k:])])).sum())
+def _split_misfits(d: Array, places: range) -> dict[int, float]:
+    """Misfit of deviations (n, 6) about a median of their own before and from each place on."""
+    out = {}
+    for k, before, after in zip(places, *_medians(d, np.array(places))):
+        moved = d.copy()
+        moved[:k] -= before
+        moved[k:] -= after
+        out[k] = float(log_misfit(moved).sum())
+    return out
+
+
+def _medians(d: Array, places: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Medians (k, 6) of the rows of d (n, 6) before each place, and of those from it on.
+
+    A column is sorted once: its rows before a place stand in the sorted column in their order, and the middle one of m
+    is where m / 2 of them have been counted.
+    """
+    n = len(d)
+    halves = np.empty((2, len(places), d.shape[1]))
+    chunk = max(1, MOST_COUNTED // n)
+    for column, values in enumerate(d.T):
+        order = np.argsort(values, kind="stable")
+        ordered = values[order]
+        for first in range(0, len(places), chunk):
+            some = places[first : first + chunk, None]
+            counted = np.cumsum(order < some, axis=1, dtype=np.int32)
+            sizes = (some, n - some)
+            for half, count, m in zip(halves, (counted, np.arange(1, n + 1, dtype=np.int32) - counted), sizes):
+                middle = [np.argmax(count > rank, axis=1) for rank in ((m - 1) // 2, m // 2)]
+                half[first : first + chunk, column] = 0.5 * (ordered[middle[0]] + ordered[middle[1]])
+    return halves[0], halves[1]
 
 
 def _fitted(case: Case, what: What, first: int) -> _Split | None:

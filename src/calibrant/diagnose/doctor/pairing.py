@@ -115,8 +115,7 @@ def congruent_orders(robot: Array, B: Array, used: Index, names: Sequence[str]) 
     Each with its incongruence over the pairs that `pair_indices` chooses: all of them up to a hundred views.
     """
     i, j = pair_indices(len(used))
-    of_robot, of_target = _angles(robot), _angles(B)
-    angles_b = of_target(i, j)
+    of_robot, angles_b = _angles(robot), _angles_of(B, i, j)
     now = incongruence(of_robot(used[i], used[j]), angles_b)
 
     def judged(tried: Iterable[Order]) -> list[tuple[float, Order]]:
@@ -138,16 +137,17 @@ def congruent_orders(robot: Array, B: Array, used: Index, names: Sequence[str]) 
 
 def _angles(T: Array) -> Callable[[Index, Index], Array]:
     """Angles (p,) between the rotations of T (n, 4, 4) of rows i and j (p,), rad: looked up where a table fits."""
-    if len(T) <= MOST_IN_TABLE:
-        table = relative_angles(T)
-        return lambda i, j: np.asarray(table[i, j])
+    if len(T) > MOST_IN_TABLE:
+        return partial(_angles_of, T)
+    table = relative_angles(T)
+    return lambda i, j: table.reshape(-1)[i * len(T) + j]
+
+
+def _angles_of(T: Array, i: Index, j: Index) -> Array:
+    """Angles (p,) between the rotations of T (n, 4, 4) of rows i and j (p,), rad."""
     R = T[:, :3, :3].reshape(-1, 9)
-
-    def each(i: Index, j: Index) -> Array:
-        squares = 6.0 - 2.0 * np.einsum("pk,pk->p", R[i], R[j])  # |R_i - R_j|^2 of rotations
-        return np.asarray(2 * np.arcsin(np.sqrt(np.clip(squares / 8, 0, 1))))
-
-    return each
+    squares = 6.0 - 2.0 * np.einsum("pk,pk->p", R[i], R[j])  # |R_i - R_j|^2 of rotations
+    return np.asarray(2 * np.arcsin(np.sqrt(np.clip(squares / 8, 0, 1))))
 
 
 def examine(case: Case) -> list[Finding]:

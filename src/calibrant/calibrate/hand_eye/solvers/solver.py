@@ -13,11 +13,12 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calibrant.calibrate.hand_eye.motion import MotionReport, report_of
-from calibrant.calibrate.hand_eye.relative import PosePairs
+from calibrant.calibrate.hand_eye.loops import LoopErrors, errors_of
+from calibrant.calibrate.hand_eye.motion import report_of
+from calibrant.calibrate.hand_eye.relative import PosePairs, pose_pairs
 from calibrant.calibrate.hand_eye.solvers.translation import separable
 from calibrant.errors import RefusedError
-from calibrant.geometry import se3, so3
+from calibrant.geometry import so3
 
 Array = NDArray[np.float64]
 
@@ -32,13 +33,14 @@ between small loops a factor means little."""
 
 @dataclass(frozen=True, eq=False)
 class HandEyeSolution:
-    """X and Z (4, 4), metres, of A_i X B_i = Z.
+    """X and Z (4, 4), metres, of A_i X B_i = Z, and the loop A_i X B_i.
 
     Eye-in-hand: X = T_gripper_camera, Z = T_base_target. Eye-to-hand: X = T_base_camera, Z = T_gripper_target.
     """
 
     X: Array
     Z: Array
+    loop: LoopErrors
 
 
 @dataclass(frozen=True)
@@ -56,46 +58,36 @@ class HandEyeSolver:
         T_camera_target. Raises: InputError for poses that are not rigid or do not match in number; RefusedError when
         the motions leave X undetermined, naming why and the cure, or when this method breaks down on the data.
         """
-        return self.solve_pairs(PosePairs(np.asarray(A), np.asarray(B)))
+        return self.solve_pairs(pose_pairs(A, B))
 
     def solve_pairs(self, pairs: PosePairs) -> HandEyeSolution:
         """`solve` of pairs that are checked already; what all methods ask of the same pairs is computed once."""
-        _motions(pairs).require_determined()
+        report_of(pairs).require_determined()
         try:
             X, Z = self.estimate(pairs)
         except np.linalg.LinAlgError as error:
             raise RefusedError(f"{self.name}: the linear algebra failed on these poses ({error})") from error
         if not (np.isfinite(X).all() and so3.is_rotation(X[:3, :3])):
             raise RefusedError(f"{self.name}: the method gave no valid transform on these poses; use another method")
-        self._require_sound(pairs, X)
-        return HandEyeSolution(X, se3.mean(pairs.A @ X @ pairs.B) if Z is None else Z)
+        loop = errors_of(pairs, X)
+        self._require_sound(pairs, loop)
+        return HandEyeSolution(X, loop.Z if Z is None else Z, loop)
 
-    def _require_sound(self, pairs: PosePairs, X: Array) -> None:
-        """Raises: RefusedError when X closes the loop far worse than a plain least-squares rotation does."""
-        plain = _plain_loop_rms(pairs)
-        found = _loop_rms(pairs, X)
-        floor = np.array([MISLED_FLOOR[0], MISLED_FLOOR[1] * pairs.length])
-        if np.any(found > MISLED_FACTOR * np.maximum(plain, floor)):
+    def _require_sound(self, pairs: PosePairs, found: LoopErrors) -> None:
+        """Raises: RefusedError when the loop is far worse than that of a plain least-squares rotation."""
+        plain = _plain_loop(pairs)
+        least_deg, least_mm = np.rad2deg(MISLED_FLOOR[0]), 1e3 * MISLED_FLOOR[1] * pairs.length
+        if found.rms_mm > MISLED_FACTOR * max(plain.rms_mm, least_mm) or found.rms_deg > MISLED_FACTOR * max(
+            plain.rms_deg, least_deg
+        ):
             raise RefusedError(
-                f"{self.name}: the method broke down on these data: its loop spreads by {1e3 * found[1]:.3g} mm and "
-                f"{np.rad2deg(found[0]):.3g} deg rms, a plain least-squares rotation by {1e3 * plain[1]:.3g} mm and "
-                f"{np.rad2deg(plain[0]):.3g} deg; look for wrong views, or use another method"
+                f"{self.name}: the method broke down on these data: its loop spreads by {found.rms_mm:.3g} mm and "
+                f"{found.rms_deg:.3g} deg rms, a plain least-squares rotation by {plain.rms_mm:.3g} mm and "
+                f"{plain.rms_deg:.3g} deg; look for wrong views, or use another method"
             )
 
 
 @lru_cache(maxsize=4)
-def _motions(pairs: PosePairs) -> MotionReport:
-    return report_of(pairs)
-
-
-@lru_cache(maxsize=4)
-def _plain_loop_rms(pairs: PosePairs) -> Array:
+def _plain_loop(pairs: PosePairs) -> LoopErrors:
     """The loop of a plain least-squares rotation, which every method is compared with."""
-    return _loop_rms(pairs, separable(pairs, pairs.rough_rotation)[0])
-
-
-def _loop_rms(pairs: PosePairs, X: Array) -> Array:
-    """(radians, metres) rms of A_i X B_i about its mean."""
-    Z_i = pairs.A @ X @ pairs.B
-    delta = se3.local(se3.mean(Z_i), Z_i)
-    return np.sqrt([np.mean(np.sum(delta[:, :3] ** 2, axis=1)), np.mean(np.sum(delta[:, 3:] ** 2, axis=1))])
+    return errors_of(pairs, separable(pairs, pairs.rough_rotation)[0])

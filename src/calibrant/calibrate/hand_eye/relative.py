@@ -81,8 +81,8 @@ class PosePairs:
     def motions(self) -> RelativeMotions:
         """The relative motions of the pairs that `pair_indices` chooses."""
         i, j = pair_indices(len(self))
-        A = se3.inverse(self.A[j]) @ self.A[i]
-        B = self.B[j] @ se3.inverse(self.B[i])
+        A = se3.inverse(self.A)[j] @ self.A[i]
+        B = self.B[j] @ se3.inverse(self.B)[i]
         alpha, beta = _rotation_vectors(A[:, :3, :3]), _rotation_vectors(B[:, :3, :3])
         return RelativeMotions(i, j, A, B, alpha, _matching_branch(alpha, beta, self._rough_rotation(A, B)))
 

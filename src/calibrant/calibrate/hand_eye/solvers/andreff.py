@@ -25,7 +25,7 @@ def andreff(pairs: PosePairs) -> tuple[Array, None]:
     R_X, which the other rows leave to t_A: it vanishes when the robot turns on the spot.
     """
     rows, known = linear_system(pairs)
-    weight = np.sqrt(len(rows) / 12)  # as heavy as one row a motion
+    weight = np.sqrt(len(pairs.motions.i))  # as heavy as one row a motion
     scale = weight * np.concatenate([pairs.rough_rotation.reshape(-1), np.zeros(3)])
     solution = np.linalg.lstsq(np.concatenate([rows, scale[None]]), np.append(known, 3 * weight), rcond=None)[0]
     return separable(pairs, so3.nearest(solution[:9].reshape(3, 3)))

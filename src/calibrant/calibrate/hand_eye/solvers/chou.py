@@ -23,7 +23,7 @@ def chou(pairs: PosePairs) -> tuple[Array, None]:
     t_X."""
     m = pairs.motions
     rows = (left(m.quaternion_a) - right(m.quaternion_b)).reshape(-1, 4)
-    q = np.linalg.svd(rows, full_matrices=False)[2][-1]
+    q = np.linalg.svd(np.linalg.qr(rows, mode="r"))[2][-1]
     return separable(pairs, so3.from_quaternion_wxyz(q))
 
 

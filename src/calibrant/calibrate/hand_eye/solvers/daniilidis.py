@@ -70,7 +70,8 @@ def _null_vectors(m: RelativeMotions, length: float) -> tuple[Array, Array]:
     rows = np.concatenate([np.concatenate([real, np.zeros_like(real)], 2), np.concatenate([dual, real], 2)], axis=1)
     if len(rows) < 2:
         raise RefusedError("daniilidis: fewer than two relative motions are congruent screws; look for wrong poses")
-    vectors = np.linalg.svd(rows.reshape(-1, 8), full_matrices=False)[2]
+    # The triangle of their QR has the rows' right singular vectors, and no left ones to be found for every motion.
+    vectors = np.linalg.svd(np.linalg.qr(rows.reshape(-1, 8), mode="r"))[2]
     return vectors[-2], vectors[-1]
 
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from calibrant.errors import InputError
-from calibrant.formats.opencv_storage import read_json, read_yaml
 from calibrant.formats.pose_rows import PoseTable
 from calibrant.formats.pose_text import read_text_table
 from calibrant.formats.raw_poses import PoseOptions
@@ -76,6 +75,8 @@ def read_lines(text: str, source: str) -> list[Any] | None:
         json.loads(lines[0][1])
     except json.JSONDecodeError:
         return None
+    from calibrant.formats.opencv_storage import read_json  # YAML's library: not for tables
+
     # Lines above are left empty, so that an error names the line of the file.
     return [read_json("\n" * (i - 1) + line, source) for i, line in lines]
 
@@ -89,6 +90,8 @@ def read_documents(text: str, source: str) -> list[Any] | None:
     filled = [(start, part) for start, part in zip(starts, parts) if part.strip() and not part.lstrip().startswith("%")]
     if len(filled) < 2:
         return None
+    from calibrant.formats.opencv_storage import read_yaml  # YAML's library: not for tables
+
     try:
         found = [read_yaml("\n" * start + part, source) for start, part in filled]
     except InputError:

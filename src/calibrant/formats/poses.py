@@ -19,7 +19,6 @@ from calibrant.data.file_names import distinct_names
 from calibrant.errors import InputError
 from calibrant.formats.joint_columns import find_joints, poses_from_joints
 from calibrant.formats.natural_order import natural_key
-from calibrant.formats.opencv_storage import read_json, read_xml, read_yaml
 from calibrant.formats.pose_arrays import ARRAYS, read_arrays
 from calibrant.formats.pose_columns import is_header
 from calibrant.formats.pose_documents import read_document
@@ -209,15 +208,21 @@ def _read_text(text: str, path: Path) -> Parsed:
 
 
 def _read_json(text: str, path: Path) -> Parsed:
+    from calibrant.formats.opencv_storage import read_json  # YAML's library: not for tables
+
     lines = read_lines(text, str(path))
     return _read_data(read_json(text, str(path)) if lines is None else lines, path)
 
 
 def _read_yaml(text: str, path: Path) -> Parsed:
+    from calibrant.formats.opencv_storage import read_yaml  # YAML's library: not for tables
+
     return _read_data(read_yaml(text, str(path)), path)
 
 
 def _read_xml(text: str, path: Path) -> Parsed:
+    from calibrant.formats.opencv_storage import read_xml  # YAML's library: not for tables
+
     return _read_data(read_xml(text, str(path)), path)
 
 

@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from calibrant.calibrate.hand_eye.loops import loop_consistency, loop_errors
+from calibrant.calibrate.hand_eye.relative import pose_pairs
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
 
@@ -83,3 +84,14 @@ def test_bad_input_is_named() -> None:
         loop_consistency(A, B[:3], X)
     with pytest.raises(InputError, match="X: the upper left"):
         loop_errors(A, B, 2 * X - np.diag([0, 0, 0, 1.0]))
+
+
+def test_the_same_poses_are_the_same_pairs() -> None:
+    """Asked for again with a copy, pairs keep what was computed of them; other numbers are other pairs."""
+    A, B = (se3.make(so3.random(np.random.default_rng(k), 5), np.ones((5, 3))) for k in (1, 2))
+    pairs = pose_pairs(A, B)
+    assert pose_pairs(A.copy(), B.copy()) is pairs
+    np.testing.assert_array_equal(pairs.A, A)
+    moved = B.copy()
+    moved[0, 0, 3] += 1e-12
+    assert pose_pairs(A, moved) is not pairs

@@ -202,6 +202,24 @@ class TestFaultyData:
         np.testing.assert_allclose(solution.X, X, atol=1e-9)  # the other motions are exact
 
 
+def test_the_linear_system_is_that_of_its_rows() -> None:
+    """Triangle and equations have the same normal equations: every least squares with them is the same."""
+    rng = np.random.default_rng(23)
+    A, B, _, _ = problem(rng, so3.random(rng, 9))
+    pairs = PosePairs(A, noisy(rng, B, 2.0, 20.0))
+    m, length = pairs.motions, pairs.length
+    blocks, known = [], []
+    for a, b in zip(m.A, m.B):
+        turns = np.hstack([np.eye(9) - np.kron(a[:3, :3], b[:3, :3]), np.zeros((9, 3))])
+        moves = np.hstack([np.kron(np.eye(3), b[:3, 3] / length), np.eye(3) - a[:3, :3]])
+        blocks += [turns, moves]
+        known += [np.zeros(9), a[:3, 3] / length]
+    wanted = np.column_stack([np.concatenate(blocks), np.concatenate(known)])
+    rows, right = linear_system(pairs)
+    found = np.column_stack([rows, right])
+    np.testing.assert_allclose(found.T @ found, wanted.T @ wanted, atol=1e-12 * np.sum(wanted**2))
+
+
 class TestConvex:
     @pytest.mark.parametrize("noise_deg", [0.1, 5.0, 40.0])
     def test_no_start_finds_a_better_rotation(self, noise_deg: float) -> None:

@@ -119,7 +119,7 @@ def fit_loop_noise(
         theta[2] = held_px**2
     for _ in range(MAX_ROUNDS):
         d, J = (M[used] for M in _linearised(A, B, state, shared, model))
-        weight = np.linalg.inv(_noise(theta, V_used))
+        weight = np.asarray(np.linalg.inv(_noise(theta, V_used)), dtype=np.float64)
         rows = weight @ J
         N = _covariance(J, rows, model.unknowns)
         gradient = _flat(rows).T @ d.reshape(-1)

@@ -37,5 +37,5 @@ def linear_system(pairs: PosePairs) -> tuple[Array, Array]:
     moves[:, :, 9:12] = np.eye(3) - R_A
     moves[:, :, 12] = t_A
     rows[3 * p :, :9] = of_turns
-    triangle = np.linalg.qr(rows, mode="r")
+    triangle = np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
     return triangle[:, :12], triangle[:, 12]

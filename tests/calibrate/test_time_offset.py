@@ -131,6 +131,52 @@ def test_derivatives_are_differences(noise: str, inverted: bool) -> None:
             assert np.allclose(J[slot][:, :, k], (ends[0] - ends[1]) / (2 * step), atol=1e-8)
 
 
+@pytest.mark.parametrize("inverted", [False, True])
+@pytest.mark.parametrize("noise", [LOOP_ROTATION, LOOP_TRANSLATION])
+def test_derivatives_by_the_robot_are_differences(noise: str, inverted: bool) -> None:
+    t_robot, T, t, B = recording(0.02)
+    spline = PoseSpline(t_robot, T)
+
+    class Moved(PoseSpline):
+        """The same poses, turned and shifted."""
+
+        def __init__(self, by: np.ndarray) -> None:
+            self.__dict__.update(spline.__dict__, by=by)
+
+        def pose(self, t: np.ndarray) -> np.ndarray:
+            return se3.retract(spline.pose(t), np.broadcast_to(self.by, (len(t), 6)))
+
+    def factor(by: np.ndarray) -> _LoopFactor:
+        return _LoopFactor("loop", Moved(by), t[:5], B[:5], inverted=inverted, noise=noise)
+
+    target = se3.inverse(gripper(t[:1] + 0.02))[0] @ X @ B[0] if inverted else Z
+    values = [np.tile(X, (5, 1, 1)), np.tile(target, (5, 1, 1)), np.full((5, 1), 0.02)]
+    J, step = factor(np.zeros(6)).by_robot(X, target, 0.02), 1e-6
+    for k in range(6):
+        ends = [factor(sign * step * np.eye(6)[k]).residuals(*values) for sign in (1, -1)]
+        # Products of lengths near 1 with second derivatives of a few: step^2 and 1e-16 / step.
+        assert np.allclose(J[:, :, k], (ends[0] - ends[1]) / (2 * step), atol=1e-8)
+
+
+def test_the_samples_noise_is_known_and_passed_on() -> None:
+    """Against recordings drawn anew: the level of each, and the spread of a weighted sum over the spline's poses."""
+    rng = np.random.default_rng(4)
+    t_robot, t = np.arange(0, 6, 0.02), np.arange(1, 5, 0.1)
+    weights = rng.standard_normal((len(t), 1, 6)) * [0, 0, 0, 1, 1, 1] * np.sin(t)[:, None, None] ** 2
+    sums, levels, predicted = [], [], []
+    for _ in range(200):
+        noise = rng.standard_normal((len(t_robot), 6)) * [1e-3, 1e-3, 1e-3, 5e-4, 5e-4, 5e-4]
+        spline = PoseSpline(t_robot, se3.retract(gripper(t_robot), noise))
+        d = spline.pose(t)[:, :3, 3] - gripper(t)[:, :3, 3]
+        sums.append(float(np.einsum("nk,nk->", weights[:, 0, 3:], d)))
+        levels.append(spline.sigma)
+        predicted.append(float(spline.spread(t, weights)[0, 0]))
+    # A level is of 300 samples less some 40 knots, three axes: 2.5 %, the mean over 200 a tenth of that.
+    assert np.mean(levels, axis=0) == pytest.approx([1e-3, 5e-4], rel=0.03)
+    # A variance of 200 sums has a standard deviation of 10 %.
+    assert np.mean(np.square(sums)) == pytest.approx(np.mean(predicted), rel=0.3)
+
+
 def test_what_tells_nothing_is_refused() -> None:
     t_robot, T, t, B = recording(0.0)
     with pytest.raises(InputError, match="do not increase at sample 4"):

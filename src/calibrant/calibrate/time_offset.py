@@ -10,12 +10,7 @@ one least-squares problem over the loop
 A(t) the robot's poses as a smooth function of time (`PoseSpline`). Where several shifts are likely, as with a motion
 that repeats, the loop tells which is meant.
 
-The noise of the loop is estimated with it. Neighbouring samples share what the robot's samples around them were off
-by, and what turns the target moves it too: residuals are neither independent nor alike in all directions. The
-covariance is therefore that of the score, summed over neighbours (Newey and West 1987). With J_i, r_i in units of the
-noise, N = sum J_i^T J_i, g_i = J_i^T r_i, p unknowns and L lags,
-
-    C = n / (n - p) N^-1 [ sum_l (1 - |l| / (L + 1)) sum_i g_i g_(i+l)^T ] N^-1.
+The noise of the loop is estimated with it; `time_covariance` says how well the offset is known.
 """
 
 from __future__ import annotations
@@ -27,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from calibrant.calibrate.hand_eye.setup import SETUPS, Setup, get_setup
 from calibrant.calibrate.hand_eye.solvers.registry import SOLVERS
+from calibrant.calibrate.time_covariance import sandwich
 from calibrant.calibrate.time_start import LEAST_SAMPLES, PoseSpline, shifts_by_speed
 from calibrant.data import TransformEstimate
 from calibrant.errors import InputError, RefusedError
@@ -87,29 +83,51 @@ class _LoopFactor(Factor):
 
     def linearize(self, *values: Array) -> tuple[Array, tuple[Array, ...]]:
         X, Z, offset = values[0][0], values[1][0], float(values[2][0, 0])
-        at = self.t + offset
-        G, rate = self.spline.pose(at), self.spline.rate(at)
-        if self.inverted:
-            # d(G^-1): omega <- -G^T omega; the position -R^T t moves by -R^T (v - omega x t).
-            Rt = np.swapaxes(G[:, :3, :3], -1, -2)
-            v = rate[:, 3:] - np.cross(rate[:, :3], G[:, :3, 3])
-            rate = -np.concatenate([np.einsum("nij,nj->ni", Rt, w) for w in (rate[:, :3], v)], axis=1)
-            G = se3.inverse(G)
-        # One common pose, Z, on the other side: residuals and derivatives in the axes of Z's parent.
-        loop = G @ X @ self.B
+        G, loop = self._loop(X, offset)
         R, arm_X = G[:, :3, :3], np.einsum("ij,nj->ni", X[:3, :3], self.B[:, :3, 3])
-        arm_A = np.einsum("nij,nj->ni", R, arm_X + X[:3, 3])
         n = len(loop)
+        by_offset = self.by_robot(X, Z, offset) @ self.spline.rate(self.t + offset)[:, :, None]
+        # One common pose, Z, on the other side: residuals and derivatives in the axes of Z's parent.
         if self.rotations:
             r = so3.log(loop[:, :3, :3] @ Z[:3, :3].T)
             left = so3.left_jacobian_inverse(r)
             J_X = np.concatenate([left @ R, np.zeros((n, 3, 3))], axis=2)
             J_Z = np.concatenate([-np.swapaxes(left, -1, -2), np.zeros((n, 3, 3))], axis=2)
-            return r, (J_X, J_Z, (left @ rate[:, :3, None]))
+            return r, (J_X, J_Z, by_offset)
         r = loop[:, :3, 3] - Z[:3, 3]
         J_X = np.concatenate([-R @ so3.hat(arm_X), R], axis=2)
         J_Z = np.broadcast_to(np.concatenate([np.zeros((3, 3)), -np.eye(3)], axis=1), (n, 3, 6))
-        return r, (J_X, J_Z, (rate[:, 3:] + np.cross(rate[:, :3], arm_A))[:, :, None])
+        return r, (J_X, J_Z, by_offset)
+
+    def by_robot(self, X: Array, Z: Array, offset: float) -> Array:
+        """Derivative (n, 3, 6) of the residuals by the robot's poses: a turn about the base's axes, and a shift."""
+        G, loop = self._loop(X, offset)
+        if self.rotations:
+            left = so3.left_jacobian_inverse(so3.log(loop[:, :3, :3] @ Z[:3, :3].T))
+            D = np.concatenate([left, np.zeros_like(left)], axis=2)
+        else:
+            D = np.concatenate(
+                [-so3.hat(loop[:, :3, 3] - G[:, :3, 3]), np.broadcast_to(np.eye(3), G[:, :3, :3].shape)], axis=2
+            )
+        if not self.inverted:
+            return np.asarray(D)
+        # Of G = T^-1, T the robot's pose: it turns by -R^T omega, its position -R^T t moves by -R^T (v - omega x t).
+        T = se3.inverse(G)
+        Rt = np.swapaxes(T[:, :3, :3], -1, -2)
+        P = np.concatenate(
+            [
+                np.concatenate([-Rt, np.zeros_like(Rt)], axis=2),
+                np.concatenate([-Rt @ so3.hat(T[:, :3, 3]), -Rt], axis=2),
+            ],
+            axis=1,
+        )
+        return np.asarray(D @ P)
+
+    def _loop(self, X: Array, offset: float) -> tuple[Array, Array]:
+        """A(t_i + offset), (n, 4, 4), in the loop's direction, and A X B."""
+        G = self.spline.pose(self.t + offset)
+        G = se3.inverse(G) if self.inverted else G
+        return G, G @ X @ self.B
 
 
 def estimate_time_offset(
@@ -189,7 +207,7 @@ def _answer(
 ) -> TimeOffset:  # fmt: skip
     solution, t, B = estimate.solution, factors[0].t, factors[0].B
     X, Z, offset = solution.value("X")[0], solution.value("Z")[0], float(solution.value("offset")[0, 0])
-    covariance = _covariance(factors, estimate, lags)
+    covariance = _covariance(spline, factors, estimate, lags)
     mm, deg = (
         unit * float(np.sqrt(np.mean(np.sum(solution.residuals(noise) ** 2, axis=1))))
         for noise, unit in ((LOOP_TRANSLATION, 1e3), (LOOP_ROTATION, 180 / np.pi))
@@ -213,34 +231,30 @@ def _answer(
     )
 
 
+def _covariance(spline: PoseSpline, factors: tuple[_LoopFactor, ...], estimate: NoiseEstimate, lags: int) -> Array:
+    """Covariance (13, 13) of X, Z and offset."""
+    solution = estimate.solution
+    X, Z, offset = (solution.value(name) for name in ("X", "Z", "offset"))
+    J, r, by_robot = [], [], []
+    for factor in factors:
+        sigma, n = estimate.levels[factor.noise].sigma, len(factor.t)
+        off, by_variable = factor.linearize(*(np.repeat(v, n, axis=0) for v in (X, Z, offset)))
+        r.append(off / sigma)
+        J.append(np.concatenate(by_variable, axis=2) / sigma)
+        by_robot.append(factor.by_robot(X[0], Z[0], float(offset[0, 0])) / sigma)
+    return sandwich(
+        np.concatenate(J, axis=1),
+        np.concatenate(r, axis=1),
+        np.concatenate(by_robot, axis=1),
+        spline=spline,
+        t=factors[0].t + float(offset[0, 0]),
+        lags=lags,
+    )
+
+
 def _spread(points: Array) -> float:
     """Root mean square distance of points (n, 3) from their mean."""
     return float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))))
-
-
-def _covariance(factors: tuple[_LoopFactor, ...], estimate: NoiseEstimate, lags: int) -> Array:
-    """Covariance (13, 13) of X, Z and offset by the scores of neighbouring samples; see the module."""
-    solution = estimate.solution
-    values = [solution.value(name) for name in ("X", "Z", "offset")]
-    J_parts, r_parts = [], []
-    for factor in factors:
-        off, by_variable = factor.linearize(*(np.repeat(v, len(factor.t), axis=0) for v in values))
-        sigma = estimate.levels[factor.noise].sigma
-        r_parts.append(off / sigma)
-        J_parts.append(np.concatenate(by_variable, axis=2) / sigma)
-    J, r = np.concatenate(J_parts, axis=1), np.concatenate(r_parts, axis=1)
-    n, p = len(J), J.shape[2]
-    scale = 1 / np.sqrt(np.einsum("nij,nij->j", J, J))  # radians, metres and seconds: scaled, no digits are lost
-    J = J * scale
-    g = np.einsum("nij,ni->nj", J, r)
-    # Newey and West's own number of lags, for noise that is correlated for other reasons.
-    lags = min(max(lags, int(4 * (n / 100) ** (2 / 9))), n // 4)
-    meat = g.T @ g
-    for lag in range(1, lags + 1):
-        across = g[:-lag].T @ g[lag:]
-        meat = meat + (1 - lag / (lags + 1)) * (across + across.T)
-    N = np.linalg.inv(np.einsum("nij,nik->jk", J, J))
-    return np.asarray(n / max(n - p, 1) * (N @ meat @ N) * np.outer(scale, scale))
 
 
 def _open(found: TimeOffset, place: Setup) -> str:

@@ -45,7 +45,8 @@ class PoseSpline:
     k-th sample, k by generalised cross-validation (Craven and Wahba 1978): noise that is followed from sample to
     sample would outrun a slow motion many times, m RSS / (m - parameters)^2 is least where it no longer is.
 
-    spacing: seconds between knots, over which errors of the samples are shared.
+    spacing: seconds between knots, over which errors of the samples are shared. sigma: of one sample, 1 sigma an axis:
+    a turn, radians, and a position, metres, by what the splines leave of the samples; 0 where they pass through all.
     """
 
     def __init__(self, times: Array, T: Array) -> None:
@@ -53,14 +54,35 @@ class PoseSpline:
         w, x, y, z = so3.quaternion_wxyz(T[:, :3, :3]).T
         q = np.column_stack([x, y, z, w])
         q = q * np.cumprod(np.concatenate([[1.0], np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1.0, 1.0)]))[:, None]
-        self._position, of_position = _smooth(times, T[:, :3, 3])
-        self._quaternion, of_rotation = _smooth(times, q)
+        self._times = times
+        self._position, of_position, variance = _smooth(times, T[:, :3, 3])
+        self._quaternion, of_rotation, of_quaternion = _smooth(times, q)
         self.spacing = max(of_position, of_rotation) * float(np.median(np.diff(times)))
+        # A turn moves the quaternion by half of it, within the three directions that keep its length.
+        self.sigma = (float(np.sqrt(4 / 3 * of_quaternion)), float(np.sqrt(variance / 3)))
         self._position_rate, self._quaternion_rate = self._position.derivative(), self._quaternion.derivative()
 
     def pose(self, t: Array) -> Array:
         """T (n, 4, 4) at times t (n,)."""
         return se3.make(rotations.matrix_from_quaternion_xyzw(self.quaternions(t)), self._position(t))
+
+    def spread(self, t: Array, weights: Array) -> Array:
+        """Covariance (p, p) of sum_i W_i d_i, by the noise of the samples, d_i what it moves the pose at t_i by.
+
+        Args: t (n,); weights W (n, p, 6), of a turn and a shift in the base.
+        """
+        rotation, position = self.sigma
+        return sum(
+            (
+                sigma**2 * _of_samples(spline, self._times, t, weights[:, :, axis])
+                for spline, sigma, axes in (
+                    (self._quaternion, rotation, (0, 1, 2)),
+                    (self._position, position, (3, 4, 5)),
+                )
+                for axis in axes
+            ),
+            start=np.zeros((weights.shape[1], weights.shape[1])),
+        )
 
     def quaternions(self, t: Array) -> Array:
         """Unit quaternions x, y, z, w (n, 4) at times t (n,), neighbours with like signs."""
@@ -76,12 +98,12 @@ class PoseSpline:
         return np.concatenate([omega, self._position_rate(t)], axis=1)
 
 
-def _smooth(times: Array, values: Array) -> tuple[BSpline, int]:
-    """The cubic spline of values (m, d), and the samples between its knots."""
+def _smooth(times: Array, values: Array) -> tuple[BSpline, int, float]:
+    """The cubic spline of values (m, d), the samples between its knots, and a sample's variance, of all d together."""
     from scipy.interpolate import make_interp_spline, make_lsq_spline
 
     m = len(times)
-    tried: list[tuple[float, int, BSpline]] = []
+    tried: list[tuple[float, int, BSpline, float]] = []
     for k in _KNOTS:
         inner = times[k : m - 2 : k]
         if len(inner) < 2:
@@ -89,14 +111,29 @@ def _smooth(times: Array, values: Array) -> tuple[BSpline, int]:
         knots = np.concatenate([np.repeat(times[0], 4), inner, np.repeat(times[-1], 4)])
         spline = make_lsq_spline(times, values, knots)
         spare = m - (len(knots) - 4)
-        tried.append((float(np.sum((spline(times) - values) ** 2)) / spare**2, k, spline))
+        squares = float(np.sum((spline(times) - values) ** 2))
+        tried.append((squares / spare**2, k, spline, squares / spare))
     # Without noise the error of approximation is all there is: it falls by (2/3)^8 from knots 3 apart to 2 apart.
     if len(tried) < 2 or tried[0][0] < 0.5 * tried[1][0]:
-        return make_interp_spline(times, values, k=3), 1
+        return make_interp_spline(times, values, k=3), 1, 0.0
     # One step finer than the least: there the error of approximation is as large as the noise, and has a sign.
     best = min(range(len(tried)), key=lambda i: tried[i][0])
-    _, k, spline = tried[max(best - 1, 0)]
-    return spline, k
+    _, k, spline, variance = tried[max(best - 1, 0)]
+    return spline, k, variance
+
+
+def _of_samples(spline: BSpline, times: Array, t: Array, weights: Array) -> Array:
+    """Covariance (p, p) of sum_i w_i s(t_i), for samples of unit variance: weights w (n, p).
+
+    The least-squares spline is s(t) = b(t)^T (B^T B)^-1 B^T y with the B-splines' values b at t and B at the samples.
+    """
+    from scipy.interpolate import BSpline
+    from scipy.sparse.linalg import splu
+
+    # Beyond the samples it is continued, as its poses are: a start that is not the offset may lead there.
+    B, b = (BSpline.design_matrix(at, spline.t, spline.k, extrapolate=True) for at in (times, t))
+    of_samples = B @ splu((B.T @ B).tocsc()).solve(np.ascontiguousarray(b.T @ weights))
+    return np.asarray(of_samples.T @ of_samples)
 
 
 def shifts_by_speed(

@@ -70,6 +70,7 @@ def repaired(diagnosis: Diagnosis, data: hand_eye_data.PairedData, request: hand
 
     Raises: RefusedError for a fault that only a person can cure, and as the calibration does.
     """
+    from calibrant.calibrate.hand_eye.turned_boards import NAME
     from calibrant.data import Check, verdict_of
     from calibrant.diagnose.doctor.repair import calibrate_repaired
     from calibrant.diagnose.review import review
@@ -86,6 +87,7 @@ def repaired(diagnosis: Diagnosis, data: hand_eye_data.PairedData, request: hand
     checks = (
         Check("pose-reading", "ok", decision.message, decision.confidence),
         *done,
+        *(f.check for f in diagnosis.named(NAME)),
         Check("pairing", "ok", data.pairing),
         *(c for c in result.checks if c.name not in {d.name for d in done}),
     )

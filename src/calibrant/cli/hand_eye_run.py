@@ -39,7 +39,7 @@ def calibrate(request: Request) -> CalibrationResult:
     with session.status("Examining the data …", quiet=request.quiet):
         diagnosis = hand_eye_data.diagnose(data, request)
     require_sound(diagnosis)
-    target = data.T_camera_target if data.observations is None else data.observations
+    target = data.T_camera_target if data.observations is None else diagnosis.numbered(data.observations)
     with session.status("Calibrating …", quiet=request.quiet):
         result = calibrate_hand_eye(
             diagnosis.poses.reading.poses,

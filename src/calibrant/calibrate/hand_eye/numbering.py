@@ -31,8 +31,8 @@ from calibrant.geometry import so3
 Array = NDArray[np.float64]
 Steps = NDArray[np.intp]
 
-TRIPLES = 200
-"""Triples solved: half of three views of a third of wrong ones are clean still, and congruence finds those first."""
+TRIPLES = 100
+"""Triples solved: with a third of the views wrong every fourth is clean, and congruence finds those first."""
 DRAWN = 2000
 """Triples looked at for their congruence, each with every relative numbering."""
 AS_GIVEN, DRAWN_AS_GIVEN = 20, 500
@@ -40,9 +40,9 @@ AS_GIVEN, DRAWN_AS_GIVEN = 20, 500
 MOST_VIEWS, MOST_SUSPECTS = 100, 20
 """Views of a longer session that the search goes over, and those besides whose numbering looks wrong; what is found
 then numbers every view."""
-REFINED = 12
+REFINED = 8
 """Numberings that are refined and compared, the best ones."""
-STEPS = 5
+STEPS = 3
 """Gauss-Newton steps of a refinement; it starts within a few degrees, and converges quadratically."""
 FLOOR = 1e-5
 """Radians below which a deviation is rounding: no camera sees a thousandth of a degree."""
@@ -116,7 +116,7 @@ def find_numbering(sides: Sequence[Array], R_B: Array, order: int) -> Numbering:
     rows = np.union1d(rows, suspects[:MOST_SUSPECTS])
     some = [R_A[rows] for R_A in sides]
     found = _refined(some, R_B[rows], G, _searched(some, R_B[rows], G, as_given=False))
-    return _judged(sides, R_B, G, rows, found, plain)
+    return _judged(sides, R_B, G, rows, found, plain.take(np.argsort(plain.score, kind="stable")[:REFINED]))
 
 
 def congruence(R_A: Array, R_B: Array, order: int) -> float:

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.calibrate.hand_eye.turned_boards import ViewsNumbered
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Check, Observations, RobotPoses, View, ViewResult, verdict_of
 from calibrant.diagnose.doctor.case import Case, case_of_poses, case_of_views
@@ -28,11 +29,15 @@ Asked = Setup | Literal["auto"]
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """The decision about the poses, the examination of the data read so, and all findings, worst first."""
+    """The decision about the poses, the examination of the data read so, and all findings, worst first.
+
+    numbering: of views of a board that looks the same turned, where the robot's motion asks for another one.
+    """
 
     poses: PoseDecision
     examination: Examination
     findings: tuple[Finding, ...]
+    numbering: ViewsNumbered | None = None
 
     @property
     def sound(self) -> bool:
@@ -47,6 +52,12 @@ class Diagnosis:
     def named(self, name: str) -> tuple[Finding, ...]:
         """The findings of that name."""
         return tuple(f for f in self.findings if f.name == name)
+
+    def numbered(self, observations: Observations) -> Observations:
+        """The observations that were diagnosed, or came before them, numbered as the robot's motion says."""
+        if self.numbering is None:
+            return observations
+        return self.numbering.observations(observations, self.examination.case.data.ids)
 
 
 def diagnose_poses(complete: Sequence[PoseReading], T_camera_target: Array, *, setup: Asked = "auto") -> Diagnosis:
@@ -101,7 +112,7 @@ def diagnose_views(
     )
     if numbered is not None:
         poses = replace(poses, findings=(*poses.findings, finding(numbered, ids)))
-    return _diagnosis(poses, examine(case))
+    return replace(_diagnosis(poses, examine(case)), numbering=numbered)
 
 
 def _with_gaps(observations: Observations, ids: Sequence[str]) -> Observations:

@@ -3,7 +3,7 @@
 Residuals of the loop are neither independent nor alike in all directions: neighbouring camera samples share what the
 robot's samples around them were off by, and what turns the target moves it too. With J_i, r_i in units of the noise,
 N = sum J_i^T J_i, p unknowns, the covariance is N^-1 M N^-1 with the scores' covariance M in two ways. By the known
-noise: each camera sample's own, and that of the robot's samples as its spline passes it on,
+noise: each camera sample's own, and d_i, what that of the robot's samples moves the residuals by through the spline,
 
     M = n / (n - p) sum_i g_i g_i^T + cov(sum_i J_i^T d_i),     g_i = J_i^T r_i.
 
@@ -16,8 +16,6 @@ of errors that a controller's own smoothing leaves. The one that leaves the offs
 """
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +40,8 @@ def sandwich(J: Array, r: Array, by_robot: Array, *, spline: PoseSpline, t: Arra
     # Newey and West's own number of lags, for noise that is correlated for other reasons.
     shared = spare * _long_run(g, min(max(lags, int(4 * (n / 100) ** (2 / 9))), n // 4))
     N = np.linalg.inv(np.einsum("nij,nik->jk", J, J))
-    return _less_certain([np.asarray(N @ M @ N * np.outer(scale, scale)) for M in (known, shared)])
+    covariances = [np.asarray(N @ M @ N * np.outer(scale, scale)) for M in (known, shared)]
+    return max(covariances, key=lambda C: float(C[-1, -1]))
 
 
 def _long_run(g: Array, lags: int) -> Array:
@@ -52,7 +51,3 @@ def _long_run(g: Array, lags: int) -> Array:
         across = g[:-lag].T @ g[lag:]
         M = M + (1 - lag / (lags + 1)) * (across + across.T)
     return np.asarray(M)
-
-
-def _less_certain(covariances: Sequence[Array]) -> Array:
-    return max(covariances, key=lambda C: float(C[-1, -1]))

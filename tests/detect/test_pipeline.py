@@ -70,6 +70,20 @@ def test_wrong_spec_is_answered_with_the_real_size(boards):
     assert error.value.exit_status == 2
 
 
+def test_another_dictionary_is_answered_with_the_whole_spec(tmp_path):
+    board = cv2.aruco.CharucoBoard((5, 4), 0.04, 0.03, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_50))
+    for k in range(2):
+        cv2.imwrite(
+            str(tmp_path / f"{k}.png"), cv2.copyMakeBorder(board.generateImage((500, 400)), *[60] * 4, 0, value=255)
+        )
+    with pytest.raises(DetectionError) as error:
+        detect(tmp_path, target="charuco:5x4:40mm:30mm:DICT_5X5_50")
+    assert str(error.value) == (
+        "0 of 2 boards found; the images look like a ChArUco board with DICT_6X6_50, "
+        "you asked for charuco:5x4:40mm:30mm:DICT_5X5_50"
+    )
+
+
 def test_no_board_at_all_and_nothing_readable(tmp_path):
     for k in range(2):
         cv2.imwrite(str(tmp_path / f"{k}.png"), np.full((240, 320), 99, np.uint8))

@@ -192,8 +192,10 @@ def _why_none(readable: Sequence[ImageDetection], target: Target, count: int) ->
     looks = Counter(d.detection.looks_like for d in readable if d.detection.looks_like)
     head = f"0 of {count} boards found"
     if looks:
-        asked = target.spec.split(":")[1]
-        return f"{head}; the images look like {looks.most_common(1)[0][0]}, you asked for {asked}"
+        seen = looks.most_common(1)[0][0]
+        # Where it is the size that differs, the rest of the spec would hide it.
+        asked = target.spec.split(":")[1] if seen[0].isdigit() else target.spec
+        return f"{head}; the images look like {seen}, you asked for {asked}"
     reason, times = Counter(d.detection.reason for d in readable).most_common(1)[0]
     where = "every image" if times == count else f"{times} of the images"
     return f"{head}; {where}: {reason}"

@@ -61,7 +61,7 @@ def link_maps(chain: Sequence[Link], values: Sequence[Array]) -> list[Array]:
         M = np.zeros((max(len(R_left), len(arm)), 6, 6))
         M[:, :3, :3] = M[:, 3:, 3:] = R_left
         M[:, 3:, :3] = -R_left @ so3.hat(arm)
-        maps.append(M @ _inverse_map(values[k]) if link.inverted else M)
+        maps.append(M @ inverse_map(values[k]) if link.inverted else M)
     return maps
 
 
@@ -102,7 +102,7 @@ def _multiply(factors: Sequence[Array]) -> Array:
     return T
 
 
-def _inverse_map(T: Array) -> Array:
+def inverse_map(T: Array) -> Array:
     """Tangent of T^-1 from the tangent of T: [[-R^T, 0], [-R^T hat(t), -R^T]]."""
     Rt = np.swapaxes(T[:, :3, :3], -1, -2)
     M = np.zeros((len(T), 6, 6))

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from calibrant.calibrate.chain import inverse_map
 from calibrant.calibrate.hand_eye.setup import SETUPS, Setup, get_setup
 from calibrant.calibrate.hand_eye.solvers.registry import SOLVERS
 from calibrant.calibrate.time_covariance import sandwich
@@ -85,43 +86,33 @@ class _LoopFactor(Factor):
         X, Z, offset = values[0][0], values[1][0], float(values[2][0, 0])
         G, loop = self._loop(X, offset)
         R, arm_X = G[:, :3, :3], np.einsum("ij,nj->ni", X[:3, :3], self.B[:, :3, 3])
-        n = len(loop)
-        by_offset = self.by_robot(X, Z, offset) @ self.spline.rate(self.t + offset)[:, :, None]
+        n, rate = len(loop), self.spline.rate(self.t + offset)[:, :, None]
         # One common pose, Z, on the other side: residuals and derivatives in the axes of Z's parent.
         if self.rotations:
             r = so3.log(loop[:, :3, :3] @ Z[:3, :3].T)
             left = so3.left_jacobian_inverse(r)
             J_X = np.concatenate([left @ R, np.zeros((n, 3, 3))], axis=2)
             J_Z = np.concatenate([-np.swapaxes(left, -1, -2), np.zeros((n, 3, 3))], axis=2)
-            return r, (J_X, J_Z, by_offset)
+            return r, (J_X, J_Z, self._by_robot(G, loop, left) @ rate)
         r = loop[:, :3, 3] - Z[:3, 3]
         J_X = np.concatenate([-R @ so3.hat(arm_X), R], axis=2)
         J_Z = np.broadcast_to(np.concatenate([np.zeros((3, 3)), -np.eye(3)], axis=1), (n, 3, 6))
-        return r, (J_X, J_Z, by_offset)
+        return r, (J_X, J_Z, self._by_robot(G, loop, None) @ rate)
 
     def by_robot(self, X: Array, Z: Array, offset: float) -> Array:
         """Derivative (n, 3, 6) of the residuals by the robot's poses: a turn about the base's axes, and a shift."""
         G, loop = self._loop(X, offset)
-        if self.rotations:
-            left = so3.left_jacobian_inverse(so3.log(loop[:, :3, :3] @ Z[:3, :3].T))
+        left = so3.left_jacobian_inverse(so3.log(loop[:, :3, :3] @ Z[:3, :3].T)) if self.rotations else None
+        return self._by_robot(G, loop, left)
+
+    def _by_robot(self, G: Array, loop: Array, left: Array | None) -> Array:
+        """`by_robot` of a loop; left: the inverse left Jacobian of its rotations, None of translations."""
+        if left is not None:
             D = np.concatenate([left, np.zeros_like(left)], axis=2)
         else:
-            D = np.concatenate(
-                [-so3.hat(loop[:, :3, 3] - G[:, :3, 3]), np.broadcast_to(np.eye(3), G[:, :3, :3].shape)], axis=2
-            )
-        if not self.inverted:
-            return np.asarray(D)
-        # Of G = T^-1, T the robot's pose: it turns by -R^T omega, its position -R^T t moves by -R^T (v - omega x t).
-        T = se3.inverse(G)
-        Rt = np.swapaxes(T[:, :3, :3], -1, -2)
-        P = np.concatenate(
-            [
-                np.concatenate([-Rt, np.zeros_like(Rt)], axis=2),
-                np.concatenate([-Rt @ so3.hat(T[:, :3, 3]), -Rt], axis=2),
-            ],
-            axis=1,
-        )
-        return np.asarray(D @ P)
+            arm = loop[:, :3, 3] - G[:, :3, 3]
+            D = np.concatenate([-so3.hat(arm), np.broadcast_to(np.eye(3), (len(arm), 3, 3))], axis=2)
+        return np.asarray(D @ inverse_map(se3.inverse(G)) if self.inverted else D)
 
     def _loop(self, X: Array, offset: float) -> tuple[Array, Array]:
         """A(t_i + offset), (n, 4, 4), in the loop's direction, and A X B."""
@@ -207,7 +198,7 @@ def _answer(
 ) -> TimeOffset:  # fmt: skip
     solution, t, B = estimate.solution, factors[0].t, factors[0].B
     X, Z, offset = solution.value("X")[0], solution.value("Z")[0], float(solution.value("offset")[0, 0])
-    covariance = _covariance(spline, factors, estimate, lags)
+    covariance = _covariance(factors, estimate, lags)
     mm, deg = (
         unit * float(np.sqrt(np.mean(np.sum(solution.residuals(noise) ** 2, axis=1))))
         for noise, unit in ((LOOP_TRANSLATION, 1e3), (LOOP_ROTATION, 180 / np.pi))
@@ -231,7 +222,7 @@ def _answer(
     )
 
 
-def _covariance(spline: PoseSpline, factors: tuple[_LoopFactor, ...], estimate: NoiseEstimate, lags: int) -> Array:
+def _covariance(factors: tuple[_LoopFactor, ...], estimate: NoiseEstimate, lags: int) -> Array:
     """Covariance (13, 13) of X, Z and offset."""
     solution = estimate.solution
     X, Z, offset = (solution.value(name) for name in ("X", "Z", "offset"))
@@ -246,7 +237,7 @@ def _covariance(spline: PoseSpline, factors: tuple[_LoopFactor, ...], estimate: 
         np.concatenate(J, axis=1),
         np.concatenate(r, axis=1),
         np.concatenate(by_robot, axis=1),
-        spline=spline,
+        spline=factors[0].spline,
         t=factors[0].t + float(offset[0, 0]),
         lags=lags,
     )

@@ -72,17 +72,8 @@ class PoseSpline:
         Args: t (n,); weights W (n, p, 6), of a turn and a shift in the base.
         """
         rotation, position = self.sigma
-        return sum(
-            (
-                sigma**2 * _of_samples(spline, self._times, t, weights[:, :, axis])
-                for spline, sigma, axes in (
-                    (self._quaternion, rotation, (0, 1, 2)),
-                    (self._position, position, (3, 4, 5)),
-                )
-                for axis in axes
-            ),
-            start=np.zeros((weights.shape[1], weights.shape[1])),
-        )
+        turns = _of_samples(self._quaternion, self._times, t, weights[:, :, :3])
+        return rotation**2 * turns + position**2 * _of_samples(self._position, self._times, t, weights[:, :, 3:])
 
     def quaternions(self, t: Array) -> Array:
         """Unit quaternions x, y, z, w (n, 4) at times t (n,), neighbours with like signs."""
@@ -123,7 +114,7 @@ def _smooth(times: Array, values: Array) -> tuple[BSpline, int, float]:
 
 
 def _of_samples(spline: BSpline, times: Array, t: Array, weights: Array) -> Array:
-    """Covariance (p, p) of sum_i w_i s(t_i), for samples of unit variance: weights w (n, p).
+    """Covariance (p, p) of sum_i w_i s(t_i), for samples of unit variance in each of d components: weights w (n, p, d).
 
     The least-squares spline is s(t) = b(t)^T (B^T B)^-1 B^T y with the B-splines' values b at t and B at the samples.
     """
@@ -132,8 +123,9 @@ def _of_samples(spline: BSpline, times: Array, t: Array, weights: Array) -> Arra
 
     # Beyond the samples it is continued, as its poses are: a start that is not the offset may lead there.
     B, b = (BSpline.design_matrix(at, spline.t, spline.k, extrapolate=True) for at in (times, t))
-    of_samples = B @ splu((B.T @ B).tocsc()).solve(np.ascontiguousarray(b.T @ weights))
-    return np.asarray(of_samples.T @ of_samples)
+    wanted = np.ascontiguousarray(b.T @ weights.reshape(len(t), -1))
+    of_samples = (B @ splu((B.T @ B).tocsc()).solve(wanted)).reshape(len(times), *weights.shape[1:])
+    return np.asarray(np.einsum("mpd,mqd->pq", of_samples, of_samples, optimize=True))
 
 
 def shifts_by_speed(

@@ -137,8 +137,9 @@ def _kilograms(text: str | None) -> float:
 
 def _complete(calibration: KinematicCalibration, request: Request, source: str) -> CalibrationResult:
     from calibrant.calibrate.kinematics.result import as_result
+    from calibrant.calibrate.provenance import stamp
 
-    result = as_result(calibration)
+    result = stamp(as_result(calibration))
     files = [*request.measurements, *([request.robot] if request.robot else [])]
     options = {
         **result.options,

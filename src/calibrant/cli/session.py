@@ -197,10 +197,8 @@ def with_misses(result: CalibrationResult) -> CalibrationResult:
 def finish(result: CalibrationResult, outputs: Outputs) -> None:
     """Print the summary, write the files and say which. Raises: RefusedError for a result that failed its checks."""
     from calibrant.calibrate.provenance import refuse_if_failed
-    from calibrant.data.result_encoding import stamped
 
     refuse_if_failed(result)
-    result = stamped(result)
     if not outputs.quiet and not outputs.json:
         from rich.console import Console
 

@@ -88,6 +88,7 @@ def _seconds(text: str) -> float:
 def _result(found: TimeOffset, setup: str, read: str, inputs: tuple[dict[str, str], ...]) -> CalibrationResult:
     import numpy as np
 
+    from calibrant.calibrate.provenance import stamp
     from calibrant.calibrate.time_offset import LOOP_ROTATION, LOOP_TRANSLATION
     from calibrant.data import CalibrationResult, Check, verdict_of
 
@@ -115,11 +116,13 @@ def _result(found: TimeOffset, setup: str, read: str, inputs: tuple[dict[str, st
         ),
         Check("pose-reading", "ok", read),
     )  # fmt: skip
-    return CalibrationResult(
-        kind="time-offset",
-        verdict=verdict_of(checks),
-        checks=checks,
-        transforms=(found.camera, found.target),
-        options={"setup": setup, "offset_s": found.offset, "offset_sigma_s": found.sigma},
-        inputs=inputs,
+    return stamp(
+        CalibrationResult(
+            kind="time-offset",
+            verdict=verdict_of(checks),
+            checks=checks,
+            transforms=(found.camera, found.target),
+            options={"setup": setup, "offset_s": found.offset, "offset_sigma_s": found.sigma},
+            inputs=inputs,
+        )
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import replace
 from datetime import UTC, datetime
 from math import isfinite
 from pathlib import PurePath
@@ -24,20 +23,14 @@ FORMAT = "calibrant/1"
 Json = dict[str, Any]
 
 
-def stamped(result: CalibrationResult) -> CalibrationResult:
-    """The result with the time (UTC) and this version where it has none: the same in every file of one run."""
-    now = datetime.now(UTC).isoformat(timespec="seconds")
-    return replace(result, version=result.version or __version__, created=result.created or now)
-
-
 def encode(result: CalibrationResult) -> Json:
-    result = stamped(result)
+    now = datetime.now(UTC).isoformat(timespec="seconds")
     return _present(
         {
             "format": FORMAT,
             "kind": result.kind,
-            "version": result.version,
-            "created": result.created,
+            "version": result.version or __version__,
+            "created": result.created or now,
             "verdict": result.verdict,
             "cameras": {name: _encode_camera(camera) for name, camera in result.cameras.items()} or None,
             "transforms": [_encode_transform(t) for t in result.transforms] or None,

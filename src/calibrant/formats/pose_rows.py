@@ -118,11 +118,12 @@ def header_of(rows: Sequence[Sequence[Cell]]) -> tuple[tuple[str, ...], Stated] 
     count = len(rows[0])
     counter = _counts(rows)
     alone = plain_header(count)
-    if count == 7 and not _unit_norms(rows, slice(3, 7)) and _unit_norms(rows, slice(0, 4)):
+    no_quaternion_last = count == 7 and not _unit_norms(rows, slice(3, 7))
+    if no_quaternion_last and _unit_norms(rows, slice(0, 4)):
         return _ROTATION_FIRST[7], Stated(likely="quat-wxyz")
     if count == 6 and _largest(rows, slice(3, 6)) > FULL_TURN_DEG >= _largest(rows, slice(0, 3)):
         return _ROTATION_FIRST[6], NOTHING_STATED
-    if alone is not None and not (count == 7 and counter and not _unit_norms(rows, slice(3, 7))):
+    if alone is not None and not (counter and no_quaternion_last):
         return alone
     behind = plain_header(count - 1)
     if behind is None:

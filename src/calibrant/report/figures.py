@@ -22,6 +22,9 @@ MOST_LISTED = 24
 _GIMBAL_COSINE = 1e-6
 """Below this cosine of the pitch, yaw and roll turn about the same axis and have no uncertainty of their own."""
 
+ROWS_NAMES = {"kinematics": "measurements", "tool": "poses"}
+"""What the rows of a result's table are, where they are not views."""
+
 
 @dataclass(frozen=True)
 class MethodRow:
@@ -131,6 +134,11 @@ def camera_transforms(result: CalibrationResult) -> list[TransformEstimate]:
     return [t for t in result.transforms if t.child in result.cameras and t.parent not in result.cameras]
 
 
+def rows_name(result: CalibrationResult) -> str:
+    """What the result was made from: views, or poses or measurements without pictures."""
+    return ROWS_NAMES.get(result.kind, "views")
+
+
 def noise_facts(result: CalibrationResult) -> list[Fact]:
     """Residuals, estimated noise, target scale and held-out errors, as far as the result has them."""
     facts: list[Fact] = []
@@ -159,8 +167,8 @@ def noise_facts(result: CalibrationResult) -> list[Fact]:
         if parts:
             # Pixels by the robot's word for where it is: many times the RMS error, which has no robot in it.
             by_robot = ", the robot's own error in it" if result.kind == "hand-eye" else ""
-            rows = "measurements" if result.kind == "kinematics" else "views"
-            facts.append(Fact("held-out error", ", ".join(parts), f"RMS on {rows} kept out of the fit{by_robot}"))
+            kept_out = f"RMS on {rows_name(result)} kept out of the fit{by_robot}"
+            facts.append(Fact("held-out error", ", ".join(parts), kept_out))
     return facts
 
 

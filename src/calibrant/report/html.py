@@ -28,6 +28,7 @@ from calibrant.report.figures import (
     method_rows,
     noise_facts,
     quaternion_figures,
+    rows_name,
     translation_figures,
     yaw_pitch_roll_figures,
 )
@@ -39,7 +40,6 @@ from calibrant.report.view_data import page_views
 from calibrant.report.words import (
     STATUS_WORDS,
     VERDICT_WORDS,
-    rows_name,
     sorted_checks,
     title,
     verdict_sentence,

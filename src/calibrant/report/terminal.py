@@ -22,6 +22,7 @@ from calibrant.report.figures import (
     method_rows,
     noise_facts,
     quaternion_figures,
+    rows_name,
     translation_figures,
     yaw_pitch_roll_figures,
 )
@@ -31,7 +32,6 @@ from calibrant.report.words import (
     STATUS_WORDS,
     VERDICT_WORDS,
     ViewRow,
-    rows_name,
     sorted_checks,
     title,
     verdict_sentence,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from calibrant.data import CalibrationResult, Check, TransformEstimate, ViewResult
 from calibrant.diagnose.residuals import camera_of
-from calibrant.report.figures import camera_figures, camera_transforms, is_point, translation_figures
+from calibrant.report.figures import camera_figures, camera_transforms, is_point, rows_name, translation_figures
 from calibrant.report.numbers import plain, sigma_text
 
 STATUS_WORDS = {"ok": "ok", "warn": "warning", "fail": "FAILED"}
@@ -24,9 +24,6 @@ KIND_TITLES = {
     "pose": "Target pose",
     "vanishing": "Rotation from vanishing points",
 }
-
-ROWS_NAMES = {"kinematics": "measurements", "tool": "poses"}
-"""What the rows of a result's table are, where they are not views."""
 
 _SEVERITY = {"fail": 0, "warn": 1, "ok": 2}
 
@@ -116,11 +113,6 @@ def _known_to(estimate: TransformEstimate) -> str:
         f"{estimate.parent} → {estimate.child} is known to {sigma_text(max(known))} mm and "
         f"{sigma_text(float(turns.max()))} deg"
     )
-
-
-def rows_name(result: CalibrationResult) -> str:
-    """What the result was made from: views, or poses or measurements without pictures."""
-    return ROWS_NAMES.get(result.kind, "views")
 
 
 def _passed(result: CalibrationResult) -> str:

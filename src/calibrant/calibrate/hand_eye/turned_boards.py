@@ -98,16 +98,13 @@ class ViewsNumbered:
 
 
 def numbered_by_robot(
-    spec: str | None, sides: Sequence[Array], B: Array, use: NDArray[np.bool_]
+    turns: BoardTurns, sides: Sequence[Array], B: Array, use: NDArray[np.bool_]
 ) -> ViewsNumbered | None:
-    """How views are to be numbered; None where the board has one numbering only, or the one given stays.
+    """How views are to be numbered; None where the numbering given stays.
 
     Args: sides, ways to read the robot's poses, each A (n, 4, 4) of the normal form; B (n, 4, 4) T_camera_target;
     use (n,) the views whose B is known.
     """
-    turns = board_turns(spec)
-    if turns is None:
-        return None
     found = find_numbering([A[use, :3, :3] for A in sides], B[use, :3, :3], len(turns.F))
     if found.verdict == "given":
         return None
@@ -123,16 +120,20 @@ def agreeing(
 
     Raises: RefusedError where more than one numbering is possible, and not the one given.
     """
-    found = numbered_by_robot(observations.target, [setup.normal_form(data.T_base_gripper)], data.B, data.use)
+    turns = board_turns(observations.target)
+    if turns is None:
+        return data, observations, ()
+    found = numbered_by_robot(turns, [setup.normal_form(data.T_base_gripper)], data.B, data.use)
     if found is None:
         return data, observations, ()
-    if found.check.status == "fail":
-        raise RefusedError(f"{found.check.name}: {found.check.message}")
+    check = found.check
+    if check.status == "fail":
+        raise RefusedError(f"{check.name}: {check.message}")
     ids = [v.id for v in data.views or ()]
     return (
         with_boards(data, found.rows, found.F),
         found.observations(observations, ids),
-        (found.check,),
+        (check,),
     )
 
 

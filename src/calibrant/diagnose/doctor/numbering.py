@@ -31,7 +31,7 @@ def numbering_of(case: Case, complete: Sequence[PoseReading]) -> ViewsNumbered |
     if turns is None or len(case.index) < 3:
         return None
     sides = _sides(complete, case, len(turns.F))
-    return numbered_by_robot(case.observations.target, sides, case.data.B, case.data.use)
+    return numbered_by_robot(turns, sides, case.data.B, case.data.use)
 
 
 def _sides(complete: Sequence[PoseReading], case: Case, order: int) -> list[Array]:

@@ -20,9 +20,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.detect.opencv import charuco_corners, refine_corners
-from calibrant.detect.refinement import Refinement
-from calibrant.detect.registry import REFINED, detector_for
+from calibrant.detection.opencv import charuco_corners, refine_corners
+from calibrant.detection.registry import REFINED, detector_for
+from calibrant.detection.subpixel.refinement import Refinement
 from calibrant.geometry import se3
 from calibrant.simulate.render import Look, render
 from calibrant.simulate.scenes import look_at_board, standard_camera

@@ -18,10 +18,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.detect.charuco import CharucoDetector
-from calibrant.detect.images import expand, load_grey
-from calibrant.detect.opencv import charuco_corners
-from calibrant.detect.video import frames
+from calibrant.detection.charuco.detector import CharucoDetector
+from calibrant.detection.images.images import expand, load_grey
+from calibrant.detection.images.video import frames
+from calibrant.detection.opencv import charuco_corners
 from calibrant.targets.charuco import Charuco
 from calibrant.targets.registry import parse_target
 

@@ -22,9 +22,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.detect.chessboard import ChessboardDetector
-from calibrant.detect.images import expand, load_grey
-from calibrant.detect.pipeline import detect
+from calibrant.detection.chessboard.detector import ChessboardDetector
+from calibrant.detection.images.images import expand, load_grey
+from calibrant.detection.pipeline import detect
 from calibrant.targets.chessboard import Chessboard
 
 ROOT = Path(__file__).resolve().parents[1]

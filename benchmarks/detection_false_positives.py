@@ -11,10 +11,10 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from tests.detect.clutter import cluttered
-from tests.detect.test_clutter import SPECS
+from tests.detection.clutter import cluttered
+from tests.detection.test_clutter import SPECS
 
-from calibrant.detect.registry import detector_for
+from calibrant.detection.registry import detector_for
 from calibrant.targets.registry import parse_target
 
 

@@ -29,7 +29,7 @@ from calibrant.data import CalibrationResult, Observations, RobotPoses
 from calibrant.diagnose.doctor.diagnosis import Diagnosis, diagnose_poses, diagnose_views
 from calibrant.diagnose.doctor.repair import calibrate_repaired
 from calibrant.errors import CalibrantError, RefusedError
-from calibrant.formats.poses import read_poses, readings
+from calibrant.formats.poses.read import read_poses, readings
 from calibrant.geometry import rotations, se3
 from calibrant.simulate.noise import flipped_board
 
@@ -160,8 +160,8 @@ def moveit() -> Sample:
 
 def charuco() -> Sample:
     """12 pictures, eye-to-hand; two show too little of the board to be used by themselves."""
-    from calibrant.calibrate.intrinsics import calibrate_intrinsics
-    from calibrant.detect import detect
+    from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics
+    from calibrant.detection import detect
     from calibrant.targets.registry import parse_target
 
     folder = DATA / "handeye_rct_charuco_static"

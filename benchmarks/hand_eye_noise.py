@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.calibrate.hand_eye.calibrate import calibrate_hand_eye
-from calibrant.calibrate.target_poses import target_poses
+from calibrant.calibrate.pose.target_poses import target_poses
 from calibrant.data import RobotPoses
 from calibrant.errors import CalibrantError
 from calibrant.geometry import se3, so3

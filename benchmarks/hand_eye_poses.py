@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.calibrate.hand_eye.calibrate import calibrate_hand_eye
-from calibrant.calibrate.target_poses import target_poses
+from calibrant.calibrate.pose.target_poses import target_poses
 from calibrant.data import CalibrationResult, Observations, RobotPoses
 from calibrant.diagnose.doctor import case_of_views, examine
 from calibrant.errors import CalibrantError, RefusedError

@@ -34,7 +34,7 @@ from calibrant.cameras import Camera
 from calibrant.cli.application import run
 from calibrant.data import CalibrationResult, Observations, RobotPoses, View
 from calibrant.data.result_file import read_result, write_observations
-from calibrant.formats.opencv_yaml import write_intrinsics
+from calibrant.formats.cameras.opencv import write_intrinsics
 from calibrant.geometry import se3, so3
 from calibrant.simulate.cell import poses_csv
 from calibrant.simulate.noise import noisy_poses

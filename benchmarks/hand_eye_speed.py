@@ -33,13 +33,13 @@ Array = NDArray[np.float64]
 
 ALLOWED_S = {"views": 2.0, "camera": 2.0, "pairs": 2.0, "detect": 5.0}
 STAGES = {
-    "read": ("calibrant.cli.hand_eye_data", "read"),
+    "read": ("calibrant.tasks.robots.hand_eye_data", "read"),
     "search": ("calibrant.cli.session", "detect_boards"),
-    "doctor": ("calibrant.cli.hand_eye_data", "diagnose"),
+    "doctor": ("calibrant.tasks.robots.hand_eye_data", "diagnose"),
     "calibrate": ("calibrant.calibrate.hand_eye.calibrate", "calibrate_hand_eye"),
     "review": ("calibrant.diagnose.review", "review"),
     "checksums": ("calibrant.cli.session", "file_records"),
-    "summary": ("calibrant.report.terminal", "summary"),
+    "summary": ("calibrant.reports.terminal", "summary"),
     "write": ("calibrant.data.results", "CalibrationResult.write"),
 }
 """Stages, and the function that is clocked for each."""
@@ -96,7 +96,7 @@ def make_views(folder: Path) -> list[str]:
 
 def make_camera(folder: Path) -> list[str]:
     """The same 20 views with a camera that 40 others gave."""
-    from calibrant.calibrate.intrinsics import calibrate_intrinsics
+    from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics
     from calibrant.simulate.scenes import intrinsics_scene
 
     known = calibrate_intrinsics(intrinsics_scene(40, seed=6).observations)

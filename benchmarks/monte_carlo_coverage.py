@@ -138,7 +138,7 @@ SCENES: dict[str, Callable[[str], Scene]] = {
 
 def camera_trial(scene: Scene, model: str, rng: np.random.Generator) -> Trial:
     """One calibration. Splined: angles between rays, other models: their own parameters."""
-    from calibrant.calibrate.intrinsics import calibrate_intrinsics
+    from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics
 
     noisy = observe(scene.camera, scene.points, scene.T_camera_target, sigma_px=SIGMA_PX, rng=rng)
     found = calibrate_intrinsics(noisy, model=model).camera

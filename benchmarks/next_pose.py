@@ -18,11 +18,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.joint import PIXEL, ROBOT_ROTATION, ROBOT_TRANSLATION, held_camera, image_problem
-from calibrant.calibrate.hand_eye.setup import get_setup
-from calibrant.diagnose.error_budget import NoiseLevels
-from calibrant.diagnose.next_pose import Knowledge, expected, information_of, nothing_known, plan_views, point_goal
-from calibrant.diagnose.next_pose_candidates import CANDIDATES, Candidates, Wishes, candidates, in_view
+from calibrant.calibrate.hand_eye.cell.camera_role import (
+    PIXEL,
+    ROBOT_ROTATION,
+    ROBOT_TRANSLATION,
+    held_camera,
+    image_problem,
+)
+from calibrant.calibrate.solvers.setup import get_setup
+from calibrant.diagnose.budget.single import NoiseLevels
+from calibrant.diagnose.next_pose.candidates import CANDIDATES, Candidates, Wishes, candidates, in_view
+from calibrant.diagnose.next_pose.plan import Knowledge, expected, information_of, nothing_known, plan_views, point_goal
 from calibrant.geometry import se3
 from calibrant.optimize.levenberg_marquardt import solve
 from calibrant.robots.arms import arm

@@ -77,14 +77,14 @@ def ours(job: str, path: str, repeats: int) -> Row:
     import numba  # noqa: F401
     import scipy.sparse  # noqa: F401
 
-    from calibrant.calibrate.intrinsics import calibrate_keeping
+    from calibrant.calibrate.intrinsics.calibrate import calibrate_keeping
     from calibrant.data import Observations
 
     with np.load(path) as file:
         scene = {k: file[k] for k in file.files}
     run: Callable[[], Row]
     if job == "rig":
-        from calibrant.calibrate.rig import calibrate_rig
+        from calibrant.calibrate.rigs.rig import calibrate_rig
 
         observations = rig_observations(scene)
 
@@ -124,8 +124,8 @@ def ask_ourselves(job: str, scene: Path, repeats: int) -> Row:
 
 
 def write_scene(folder: Path, views: int) -> Path:
-    from calibrant.calibrate import planar_start
-    from calibrant.calibrate.reprojection import stack
+    from calibrant.calibrate.classical import planar as planar_start
+    from calibrant.calibrate.reprojection.factor import stack
     from calibrant.geometry import so3
     from calibrant.simulate.scenes import intrinsics_scene
 
@@ -249,7 +249,8 @@ def first_call(folder: Path) -> None:
     scene = write_scene(folder, 20)
     own = ask_ourselves("intrinsics", scene, 3)
     imports = (
-        "import time; t = time.perf_counter(); import numpy, numba, scipy; import calibrant.calibrate.intrinsics; "
+        "import time; t = time.perf_counter(); import numpy, numba, scipy; "
+        "import calibrant.calibrate.intrinsics.calibrate; "
     )
     done = subprocess.run(
         [sys.executable, "-c", imports + "print(time.perf_counter() - t)"], capture_output=True, text=True, check=True

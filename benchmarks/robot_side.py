@@ -20,20 +20,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from calibrant.calibrate.dynamic import DynamicCalibration, DynamicNoise
-from calibrant.calibrate.dynamic_problem import WristCamera
+from calibrant.calibrate.clocks.offset import estimate_time_offset
+from calibrant.calibrate.dynamic.problem import WristCamera
+from calibrant.calibrate.dynamic.track import DynamicCalibration, DynamicNoise
 from calibrant.calibrate.hand_eye.calibrate import calibrate_hand_eye
-from calibrant.calibrate.hand_eye.setup import get_setup
-from calibrant.calibrate.intrinsics import calibrate_intrinsics
-from calibrant.calibrate.self_visibility import SelfVisibility, calibrate_self_visibility, moved_by_camera
-from calibrant.calibrate.target_poses import target_poses
-from calibrant.calibrate.time_offset import estimate_time_offset
-from calibrant.calibrate.tool import ToolTip, tip_by_sight, tip_by_touch
+from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics
+from calibrant.calibrate.pose.target_poses import target_poses
+from calibrant.calibrate.solvers.setup import get_setup
+from calibrant.calibrate.tool.self_visibility import SelfVisibility, calibrate_self_visibility, moved_by_camera
+from calibrant.calibrate.tool.tip import ToolTip, tip_by_sight, tip_by_touch
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, RobotPoses, View
-from calibrant.diagnose.error_budget import NoiseLevels, error_budget
-from calibrant.diagnose.next_pose import information_of, nothing_known, plan_views, point_goal
-from calibrant.diagnose.next_pose_candidates import Wishes, candidates
+from calibrant.diagnose.budget.single import NoiseLevels, error_budget
+from calibrant.diagnose.next_pose.candidates import Wishes, candidates
+from calibrant.diagnose.next_pose.plan import information_of, nothing_known, plan_views, point_goal
 from calibrant.errors import RefusedError
 from calibrant.geometry import se3, so3
 from calibrant.robots.arms import arm

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 from numba import types
-from tests.detect.chessboard_pictures import Lens, facing, picture
+from tests.detection.chessboard_pictures import Lens, facing, picture
 
 import calibrant
 from calibrant.compiled import compiled

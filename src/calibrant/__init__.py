@@ -8,12 +8,14 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from calibrant.version import __version__ as __version__
+
 if TYPE_CHECKING:
     from calibrant.calibrate.hand_eye.calibrate import calibrate_hand_eye as calibrate_hand_eye
-    from calibrant.calibrate.hand_eye.joint_offsets import JointReadings as JointReadings
-    from calibrant.calibrate.hand_eye.several import calibrate_several as calibrate_several
-    from calibrant.calibrate.hand_eye.several_setting import Pictures as Pictures
-    from calibrant.calibrate.intrinsics import calibrate_intrinsics as calibrate_intrinsics
+    from calibrant.calibrate.hand_eye.calibrate_cell import calibrate_several as calibrate_several
+    from calibrant.calibrate.hand_eye.cell.joint_offsets import JointReadings as JointReadings
+    from calibrant.calibrate.hand_eye.cell.layout import Pictures as Pictures
+    from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics as calibrate_intrinsics
     from calibrant.cameras import Camera as Camera
     from calibrant.data import CalibrationResult as CalibrationResult
     from calibrant.data import Check as Check
@@ -21,17 +23,16 @@ if TYPE_CHECKING:
     from calibrant.data import RobotPoses as RobotPoses
     from calibrant.data import View as View
     from calibrant.data import result_file
-    from calibrant.detect import detect as detect
+    from calibrant.detection.pipeline import detect as detect
     from calibrant.errors import CalibrantError as CalibrantError
     from calibrant.errors import InputError as InputError
     from calibrant.errors import RefusedError as RefusedError
     from calibrant.geometry.frames import FrameGraph as FrameGraph
-    from calibrant.report.html import write_report as write_report
+    from calibrant.reports.html import write_report as write_report
     from calibrant.targets.registry import parse_target as parse_target
 
     read = result_file.read_result
 
-__version__ = "0.1.0"
 
 _PUBLIC = {
     "CalibrantError": ("calibrant.errors", "CalibrantError"),
@@ -40,19 +41,19 @@ _PUBLIC = {
     "Check": ("calibrant.data", "Check"),
     "FrameGraph": ("calibrant.geometry.frames", "FrameGraph"),
     "InputError": ("calibrant.errors", "InputError"),
-    "JointReadings": ("calibrant.calibrate.hand_eye.joint_offsets", "JointReadings"),
+    "JointReadings": ("calibrant.calibrate.hand_eye.cell.joint_offsets", "JointReadings"),
     "Observations": ("calibrant.data", "Observations"),
     "RefusedError": ("calibrant.errors", "RefusedError"),
-    "Pictures": ("calibrant.calibrate.hand_eye.several_setting", "Pictures"),
+    "Pictures": ("calibrant.calibrate.hand_eye.cell.layout", "Pictures"),
     "RobotPoses": ("calibrant.data", "RobotPoses"),
     "View": ("calibrant.data", "View"),
     "calibrate_hand_eye": ("calibrant.calibrate.hand_eye.calibrate", "calibrate_hand_eye"),
-    "calibrate_intrinsics": ("calibrant.calibrate.intrinsics", "calibrate_intrinsics"),
-    "calibrate_several": ("calibrant.calibrate.hand_eye.several", "calibrate_several"),
-    "detect": ("calibrant.detect", ""),
+    "calibrate_intrinsics": ("calibrant.calibrate.intrinsics.calibrate", "calibrate_intrinsics"),
+    "calibrate_several": ("calibrant.calibrate.hand_eye.calibrate_cell", "calibrate_several"),
+    "detect": ("calibrant.detection.pipeline", "detect"),
     "parse_target": ("calibrant.targets.registry", "parse_target"),
     "read": ("calibrant.data.result_file", "read_result"),
-    "write_report": ("calibrant.report.html", "write_report"),
+    "write_report": ("calibrant.reports.html", "write_report"),
 }
 
 __all__ = [*_PUBLIC, "__version__"]
@@ -62,8 +63,7 @@ def __getattr__(name: str) -> Any:
     if name not in _PUBLIC:
         raise AttributeError(f"module 'calibrant' has no attribute {name!r}; it has {', '.join(__all__)}")
     module, attribute = _PUBLIC[name]
-    loaded = import_module(module)
-    value = getattr(loaded, attribute) if attribute else loaded
+    value = getattr(import_module(module), attribute)
     globals()[name] = value
     return value
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibrant.calibrate.intrinsics import calibrate_intrinsics
+from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics
 from calibrant.cameras import Camera, camera_model
 from calibrant.simulate.scenes import IMAGE_SIZE, grid, look_at_board, observe
 

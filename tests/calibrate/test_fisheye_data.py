@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from calibrant.calibrate.intrinsics import calibrate_intrinsics
-from calibrant.calibrate.model_choice import calibrate_auto
-from calibrant.calibrate.target_poses import target_poses
+from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics
+from calibrant.calibrate.intrinsics.model_choice import calibrate_auto
+from calibrant.calibrate.pose.target_poses import target_poses
 from calibrant.cameras import Camera
 from calibrant.data import Observations
 from calibrant.errors import RefusedError

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from tests.calibrate.lens_views import GRID, SIZE, board_poses
 
-from calibrant.calibrate.chain import Link
-from calibrant.calibrate.reprojection import ReprojectionFactor, StackedViews
+from calibrant.calibrate.reprojection.factor import ReprojectionFactor, StackedViews
+from calibrant.calibrate.reprojection.links import Link
 from calibrant.cameras import Camera
 from calibrant.geometry import se3, so3
 from calibrant.optimize.levenberg_marquardt import solve

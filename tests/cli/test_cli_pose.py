@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibrant.calibrate.pose_result import SECOND
+from calibrant.calibrate.pose.estimate import SECOND
 from calibrant.cameras import Camera
 from calibrant.cli.application import run
 from calibrant.data import CalibrationResult, RobotPoses
 from calibrant.data.result_file import read_result
-from calibrant.formats.opencv_storage import yaml_text
+from calibrant.formats.cameras.opencv_storage import yaml_text
 from calibrant.geometry import se3, so3
 from calibrant.simulate.cell import poses_csv
 from calibrant.simulate.render import Look, render

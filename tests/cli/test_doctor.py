@@ -10,11 +10,11 @@ import pytest
 from numpy.typing import NDArray
 
 from calibrant.cli.application import run
-from calibrant.cli.doctor_run import csv_text
 from calibrant.data import RobotPoses
-from calibrant.formats.poses import read_poses, readings
+from calibrant.formats.poses.read import read_poses, readings
 from calibrant.simulate.noise import flipped_board
 from calibrant.simulate.scenes import HandEyeScene, hand_eye_scene
+from calibrant.tasks.robots.doctor import csv_text
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from calibrant.cli.application import run
-from calibrant.formats.robots import read_robot
-from calibrant.formats.urdf import new_urdf
+from calibrant.formats.robots.read import read_robot
+from calibrant.formats.robots.urdf import new_urdf
 from calibrant.robots.arms import arm
 from calibrant.simulate.robot_errors import SimulatedArm, measure, simulate_arm
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import get_args
 
-from calibrant.calibrate.model_choice import AUTO
+from calibrant.calibrate.intrinsics.model_choice import AUTO
 from calibrant.cameras import MODELS
 from calibrant.cameras.splined import EXAMPLE, FAMILY
 from calibrant.cli.options import Model

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibrant.cli import study_methods, study_sweeps
-from calibrant.cli.study_methods import USES, Outcome
-from calibrant.cli.study_report import SHORT, Compared, Study, page, tables
-from calibrant.cli.study_scenes import Conditions, lens_of, plane_case, plane_points, solid_case, solid_points
 from calibrant.errors import InputError
+from calibrant.studies import methods as study_methods
+from calibrant.studies import sweeps as study_sweeps
+from calibrant.studies.methods import USES, Outcome
+from calibrant.studies.page import SHORT, Compared, Study, page, tables
+from calibrant.studies.scenes import Conditions, lens_of, plane_case, plane_points, solid_case, solid_points
 
 EXACT = Conditions(noise_px=0.0, lens="pinhole", views=4)
 

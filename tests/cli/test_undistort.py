@@ -13,7 +13,7 @@ import pytest
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult
 from calibrant.data.result_file import write_result
-from calibrant.formats.camera_files import read_camera
+from calibrant.formats.cameras.read import read_camera
 
 TARGET = "chessboard:7x6:30mm"
 

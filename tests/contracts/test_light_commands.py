@@ -47,8 +47,12 @@ def test_hand_eye_from_pose_pairs_loads_nothing_for_photos(tmp_path: Path) -> No
     robot = poses_file(tmp_path / "robot.csv", data.robot_poses.T_base_gripper)
     target = poses_file(tmp_path / "target.csv", data.measured_T_camera_target)
     arguments = ["hand-eye", "--poses", robot, "--target-poses", target, "--out", "result.json", "--quiet"]
-    kernels = ("calibrant.calibrate.reprojection_kernels", "calibrant.calibrate.planar_kernels", "calibrant.detect")
-    assert loaded(arguments, tmp_path, (*HEAVY, *kernels)) == []
+    loops = (
+        "calibrant.calibrate.reprojection.kernels",
+        "calibrant.calibrate.classical.planar_kernels",
+        "calibrant.detection",
+    )
+    assert loaded(arguments, tmp_path, (*HEAVY, *loops)) == []
 
 
 def test_hand_eye_from_points_loads_neither_opencv_nor_the_report(tmp_path: Path) -> None:
@@ -56,7 +60,7 @@ def test_hand_eye_from_points_loads_neither_opencv_nor_the_report(tmp_path: Path
     write_observations(data.observations, tmp_path / "observations.json")
     robot = poses_file(tmp_path / "robot.csv", data.robot_poses.T_base_gripper)
     arguments = ["hand-eye", "--poses", robot, "--observations", "observations.json", "--out", "result.json", "--quiet"]
-    assert loaded(arguments, tmp_path, (*HEAVY, "calibrant.detect", "calibrant.report.html")) == []
+    assert loaded(arguments, tmp_path, (*HEAVY, "calibrant.detection", "calibrant.reports.html")) == []
 
 
 def test_one_command_loads_no_other(tmp_path: Path) -> None:

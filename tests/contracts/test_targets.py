@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibrant.cameras.camera import Camera
-from calibrant.detect.registry import detector_for
+from calibrant.detection.registry import detector_for
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
 from calibrant.simulate.render import Look, render

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibrant.diagnose.conventions import Setup, decide, rank, robot_side
-from calibrant.diagnose.hypotheses import SETUPS
+from calibrant.diagnose.conventions.decide import Setup, decide, rank, robot_side
+from calibrant.diagnose.conventions.hypotheses import SETUPS
 from calibrant.errors import InputError, RefusedError
-from calibrant.formats.poses import PoseReading, read_poses, readings
+from calibrant.formats.poses.read import PoseReading, read_poses, readings
 from calibrant.geometry import rotations, se3, so3
 
 Array = NDArray[np.float64]

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from calibrant.errors import InputError
-from calibrant.geometry import chains, se3, so3
+from calibrant.geometry import grasp_equations as chains
+from calibrant.geometry import se3, so3
 
 FRAMES = ("world", "base", "flange", "gripper", "object", "camera")
 

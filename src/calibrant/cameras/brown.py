@@ -24,11 +24,11 @@ class Brown(Perspective):
     summary: str = "ordinary lenses up to about 90 degrees of view"
 
     def rows(self) -> Any:
-        from calibrant.cameras.brown_rows import rows
+        from calibrant.cameras.kernels.brown_rows import rows
 
         return rows
 
     def rays(self) -> Any:
-        from calibrant.cameras.brown_rays import rays
+        from calibrant.cameras.kernels.brown_rays import rays
 
         return rays

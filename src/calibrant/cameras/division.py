@@ -54,7 +54,7 @@ class Division(Radial):
         return float(np.sqrt(_limit(parameters[4:])))
 
     def rows(self) -> Any:
-        from calibrant.cameras.division_rows import rows
+        from calibrant.cameras.kernels.division_rows import rows
 
         return rows
 

@@ -60,6 +60,6 @@ class DoubleSphere(Radial):
         return (p[..., 2] > -w2 * d1) & (d1 > 0)
 
     def rows(self) -> Any:
-        from calibrant.cameras.double_sphere_rows import rows
+        from calibrant.cameras.kernels.double_sphere_rows import rows
 
         return rows

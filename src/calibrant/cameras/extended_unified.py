@@ -53,7 +53,7 @@ class ExtendedUnified(Radial):
         return (p[..., 2] > -behind(alpha) * rho) & (rho > 0)
 
     def rows(self) -> Any:
-        from calibrant.cameras.extended_unified_rows import rows
+        from calibrant.cameras.kernels.extended_unified_rows import rows
 
         return rows
 

@@ -74,6 +74,6 @@ class InverseBrown(CameraModel):
         return plane_distortion.radius_limit(plane_distortion.padded(parameters[4:]))
 
     def rows(self) -> Any:
-        from calibrant.cameras.inverse_brown_rows import rows
+        from calibrant.cameras.kernels.inverse_brown_rows import rows
 
         return rows

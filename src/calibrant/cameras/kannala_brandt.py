@@ -65,12 +65,12 @@ class KannalaBrandt(Radial):
         return np.arctan2(np.hypot(p[..., 0], p[..., 1]), p[..., 2]) < self.field_limit(parameters)
 
     def rows(self) -> Any:
-        from calibrant.cameras.kannala_brandt_rows import rows
+        from calibrant.cameras.kernels.kannala_brandt_rows import rows
 
         return rows
 
     def rays(self) -> Any:
-        from calibrant.cameras.kannala_brandt_rays import rays
+        from calibrant.cameras.kernels.kannala_brandt_rays import rays
 
         return rays
 

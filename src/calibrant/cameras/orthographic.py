@@ -53,7 +53,7 @@ class Orthographic(CameraModel):
         return np.broadcast_to([0.0, 0.0, 1.0], p.shape)
 
     def rows(self) -> Any:
-        from calibrant.cameras.orthographic_rows import rows
+        from calibrant.cameras.kernels.orthographic_rows import rows
 
         return rows
 

@@ -42,7 +42,7 @@ class Pinhole(CameraModel):
         return np.stack([x, y, np.ones_like(x)], axis=-1)
 
     def rows(self) -> Any:
-        from calibrant.cameras.pinhole_rows import rows
+        from calibrant.cameras.kernels.pinhole_rows import rows
 
         return rows
 

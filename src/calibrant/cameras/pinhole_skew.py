@@ -43,7 +43,7 @@ class PinholeSkew(CameraModel):
         return np.stack([(uv[:, 0] - cx - skew * y) / fx, y, np.ones_like(y)], axis=-1)
 
     def rows(self) -> Any:
-        from calibrant.cameras.pinhole_rows import skewed
+        from calibrant.cameras.kernels.pinhole_rows import skewed
 
         return skewed
 

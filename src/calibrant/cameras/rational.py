@@ -25,6 +25,6 @@ class Rational(Perspective):
     summary: str = "wide perspective lenses up to about 120 degrees"
 
     def rows(self) -> Any:
-        from calibrant.cameras.rational_rows import rational
+        from calibrant.cameras.kernels.rational_rows import rational
 
         return rational

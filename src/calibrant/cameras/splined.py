@@ -159,12 +159,12 @@ class Splined(CameraModel):
         return ray(qx, qy, 1 - s, good & np.isfinite(uv).all(axis=-1))
 
     def rows(self) -> Any:
-        from calibrant.cameras.splined_rows import rows_of
+        from calibrant.cameras.kernels.splined_rows import rows_of
 
         return rows_of(self.columns, self.rows_count, self.spacing)
 
     def local_rows(self) -> tuple[Any, int] | None:
-        from calibrant.cameras.splined_rows import LOCAL, local_rows_of
+        from calibrant.cameras.kernels.splined_rows import LOCAL, local_rows_of
 
         return local_rows_of(self.columns, self.rows_count, self.spacing), LOCAL
 

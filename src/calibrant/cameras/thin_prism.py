@@ -34,6 +34,6 @@ class ThinPrism(Perspective):
     summary: str = "rational, and lens elements or sensors slightly askew"
 
     def rows(self) -> Any:
-        from calibrant.cameras.rational_rows import thin_prism
+        from calibrant.cameras.kernels.rational_rows import thin_prism
 
         return thin_prism

@@ -27,6 +27,6 @@ class Tilted(Perspective):
     summary: str = "Scheimpflug cameras, whose sensor is tilted on purpose"
 
     def rows(self) -> Any:
-        from calibrant.cameras.rational_rows import tilted
+        from calibrant.cameras.kernels.rational_rows import tilted
 
         return tilted

@@ -90,12 +90,12 @@ class Unified(CameraModel):
         return np.hypot(p[..., 0], p[..., 1]) < limit * depth
 
     def rows(self) -> Any:
-        from calibrant.cameras.unified_rows import rows
+        from calibrant.cameras.kernels.unified_rows import rows
 
         return rows
 
     def rays(self) -> Any:
-        from calibrant.cameras.unified_rays import rays
+        from calibrant.cameras.kernels.unified_rays import rays
 
         return rays
 

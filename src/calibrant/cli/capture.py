@@ -14,7 +14,7 @@ from calibrant.errors import InputError, RefusedError
 
 if TYPE_CHECKING:
     from calibrant.data import CalibrationResult, Observations, View
-    from calibrant.detect.live import Session
+    from calibrant.detection.images.live import Session
 
 LEAST_VIEWS = 6
 """Views before the first calibration: with fewer, sigma says little."""
@@ -73,8 +73,8 @@ def _run(source: str, spec: str, to: Path | None, goal_px: float, model: str, *,
     import cv2
 
     from calibrant.data import Observations, View
-    from calibrant.detect.live import Session, frames_from
-    from calibrant.detect.registry import detector_for
+    from calibrant.detection.images.live import Session, frames_from
+    from calibrant.detection.registry import detector_for
     from calibrant.targets.registry import parse_target
 
     board = parse_target(spec)
@@ -124,7 +124,7 @@ def _final(views: list[View], size: tuple[int, int], spec: str, model: str, stat
         raise RefusedError(
             f"{kept}, a calibration needs {LEAST_SOLVABLE}; next: {state.missing() or 'take more views'}"
         )
-    from calibrant.calibrate.intrinsics import calibrate_intrinsics
+    from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics
     from calibrant.data import Observations
 
     return calibrate_intrinsics(Observations(tuple(views), {"camera": size}, spec), model=model)
@@ -151,7 +151,7 @@ def _where(views: list[View], to: Path | None) -> str:
 
 def _calibrated(observations: Observations, model: str) -> CalibrationResult | None:
     """The calibration so far; None while the views do not determine the camera."""
-    from calibrant.calibrate.intrinsics import calibrate_intrinsics
+    from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics
 
     try:
         return calibrate_intrinsics(observations, model=model)

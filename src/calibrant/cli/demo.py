@@ -11,7 +11,7 @@ import typer
 from calibrant.cli import options as o
 
 if TYPE_CHECKING:
-    from calibrant.cli.demo_chain import DemoOutcome
+    from calibrant.tasks.demo import DemoOutcome
 
 
 class SetupName(StrEnum):
@@ -42,8 +42,8 @@ def demo(
     as on your own data: find the board, calibrate the camera, calibrate hand and eye, write results and report. At the
     end each figure stands beside its predicted uncertainty and beside the truth, which only a simulation knows.
     """
-    from calibrant.cli.demo_chain import result_json, run_demo
     from calibrant.data.result_encoding import format_json
+    from calibrant.tasks.demo import result_json, run_demo
 
     outcome = run_demo(out, seed=seed, views=views, setup=setup.value, quiet=quiet or json)
     if json:
@@ -58,8 +58,8 @@ def _print(outcome: DemoOutcome, out: Path) -> None:
     from rich.console import Console
     from rich.text import Text
 
-    from calibrant.cli.demo_chain import comparison
-    from calibrant.report.terminal import summary
+    from calibrant.reports.terminal import summary
+    from calibrant.tasks.demo import comparison
 
     console = Console()
     console.print(summary(outcome.hand_eye))

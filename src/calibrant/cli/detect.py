@@ -53,7 +53,7 @@ def detect(
     Prints how many points each photo shows, or why none. The file goes to --observations of other commands.
     """
     from calibrant.cli import session
-    from calibrant.cli.sources import Source
+    from calibrant.tasks.inputs.sources import Source
 
     outputs = session.Outputs(out=out, json=json, quiet=quiet, force=force)
     outputs.check()
@@ -97,7 +97,7 @@ def table(found: Observations) -> Text:
     from rich.cells import cell_len
     from rich.text import Text
 
-    from calibrant.formats.natural_order import natural_key
+    from calibrant.formats.poses.natural_order import natural_key
 
     total = _total(found)
     rows = {v.id: (f"{len(v)} of {total}", _noise(v), "found", "") for v in found.views}
@@ -153,8 +153,8 @@ def _pictures(found: Observations, folder: Path) -> dict[Path, View]:
 def _drawn(view: View, *, mirror_x: bool) -> bytes:
     import cv2
 
-    from calibrant.detect.images import load_grey
-    from calibrant.detect.overlay import draw
+    from calibrant.detection.images.images import load_grey
+    from calibrant.detection.images.overlay import draw
 
     image = load_grey(view.file or view.id)
     return bytes(cv2.imencode(".png", draw(image[:, ::-1] if mirror_x else image, view))[1])
@@ -162,9 +162,9 @@ def _drawn(view: View, *, mirror_x: bool) -> bytes:
 
 def _result(found: Observations, inputs: tuple[dict[str, str], ...], *, mirror_x: bool) -> CalibrationResult:
     """The content of an observations file."""
-    from calibrant.calibrate.provenance import stamp
     from calibrant.cli import session
     from calibrant.data import CalibrationResult, ViewResult
+    from calibrant.data.verdicts import stamp
 
     views = tuple(ViewResult(v.id, True, len(v), camera=v.camera) for v in found.views)
     options = {"mirror_x": True} if mirror_x else {}

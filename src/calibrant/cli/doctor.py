@@ -9,7 +9,7 @@ import typer
 
 from calibrant.cli import options as o
 from calibrant.cli import pose_options as p
-from calibrant.cli.robot_choice import RobotChoice
+from calibrant.tasks.inputs.robot_choice import RobotChoice
 
 
 def doctor(
@@ -61,7 +61,9 @@ def doctor(
     Proposes a repair for each fault and shows how the loop closes before and after it. Nothing is changed: --apply
     calibrates from the repaired data and writes new files. Exit status 1 when a fault stands unrepaired.
     """
-    from calibrant.cli import doctor_run, hand_eye_data, session
+    from calibrant.cli import session
+    from calibrant.tasks.robots import doctor as doctor_run
+    from calibrant.tasks.robots import hand_eye_data
 
     outputs = session.Outputs(out, report, json, quiet, force)
     outputs.check()

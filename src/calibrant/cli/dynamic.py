@@ -70,9 +70,10 @@ def dynamic(
     Says how certain the place is, and which source it owes that to: the wrist's calibration, either camera's pixels,
     the external intrinsics, or the robot.
     """
-    from calibrant.cli import dynamic_run, session
-    from calibrant.cli.pose_choice import PoseForm
-    from calibrant.cli.robot_choice import RobotChoice
+    from calibrant.cli import session
+    from calibrant.tasks.inputs.pose_choice import PoseForm
+    from calibrant.tasks.inputs.robot_choice import RobotChoice
+    from calibrant.tasks.robots import dynamic as dynamic_run
 
     outputs = session.Outputs(out, None, json, quiet, force)
     outputs.check()

@@ -9,7 +9,7 @@ import typer
 
 from calibrant.cli import options as o
 from calibrant.cli import pose_options as p
-from calibrant.cli.robot_choice import RobotChoice
+from calibrant.tasks.inputs.robot_choice import RobotChoice
 
 
 def hand_eye(
@@ -80,7 +80,9 @@ def hand_eye(
     Several cameras: --images left=photos/left --images right=photos/right. Several robots: --poses a=a.csv --poses
     b=b.csv --images top@a=photos/a --images top@b=photos/b.
     """
-    from calibrant.cli import hand_eye_run, hand_eye_several, session
+    from calibrant.cli import session
+    from calibrant.tasks.robots import hand_eye as hand_eye_run
+    from calibrant.tasks.robots import hand_eye_cell as hand_eye_several
 
     outputs = session.Outputs(out, report, json, quiet, force)
     outputs.check()

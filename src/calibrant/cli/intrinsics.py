@@ -67,7 +67,7 @@ def intrinsics(
     Prints every parameter with its 1 and 3 sigma, each photo's error, and what was left out and why.
     """
     from calibrant.cli import session
-    from calibrant.cli.sources import Source
+    from calibrant.tasks.inputs.sources import Source
 
     opencv = opencv_yaml if opencv_yaml is not None else (_opencv_beside(out, force) if out is not None else None)
     outputs = session.Outputs(out, report, json, quiet, force, opencv)
@@ -83,10 +83,10 @@ def intrinsics(
     found = source.read(files)
     session.load_solver(quiet=quiet or json)
 
-    from calibrant.calibrate.intrinsics import calibrate_intrinsics
+    from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics
     from calibrant.diagnose.review import review
-    from calibrant.formats.camera_files import read_camera
-    from calibrant.formats.opencv_yaml import is_opencvs
+    from calibrant.formats.cameras.opencv import is_opencvs
+    from calibrant.formats.cameras.read import read_camera
 
     size = next(iter(found.image_sizes.values()))
     start = None if initial is None else read_camera(initial, image_size=size)

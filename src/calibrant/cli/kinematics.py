@@ -82,7 +82,8 @@ def kinematics(
     kept out, and writes the corrected robot and corrected joint targets. An --out that ends in .urdf or .yaml is the
     corrected robot.
     """
-    from calibrant.cli import kinematics_run, session
+    from calibrant.cli import session
+    from calibrant.tasks.robots import kinematics as kinematics_run
 
     if out is not None and corrected is None and out.suffix.lower() in kinematics_run.ROBOT_SUFFIXES:
         out, corrected = None, out

@@ -108,7 +108,7 @@ def next_pose(
     Every pose is within the joint limits, has the target in view and in focus, and hits nothing that --geometry names.
     Each comes with the uncertainty that is left after it. The flange is the gripper.
     """
-    from calibrant.cli import next_pose_run
+    from calibrant.tasks.robots import next_pose as next_pose_run
 
     next_pose_run.run(
         next_pose_run.Request(

@@ -11,7 +11,7 @@ import typer
 from calibrant.errors import InputError
 
 if TYPE_CHECKING:
-    from calibrant.detect.refinement import Refinement
+    from calibrant.detection.subpixel.refinement import Refinement
 
 Images = Annotated[
     list[str] | None,
@@ -134,7 +134,7 @@ def split_names(values: Sequence[str] | None) -> tuple[str, ...]:
 
 def refinement(method: str, window: str | None, zero_zone: str | None) -> Refinement:
     """How corners are measured. Raises: InputError for an unknown method, a bare number, or values out of range."""
-    from calibrant.detect.refinement import Refinement
+    from calibrant.detection.subpixel.refinement import Refinement
 
     part = None
     if window is not None:

@@ -56,9 +56,10 @@ def pose(
     Both poses are given where the photo cannot tell them apart. The camera's own uncertainty counts, where its file
     has it.
     """
-    from calibrant.cli import pose_run, session
-    from calibrant.cli.sources import Source
+    from calibrant.cli import session
     from calibrant.errors import InputError
+    from calibrant.tasks.cameras import pose as pose_run
+    from calibrant.tasks.inputs.sources import Source
 
     outputs = session.Outputs(out, report, json, quiet, force)
     outputs.check()
@@ -77,8 +78,8 @@ def pose(
     pictures = pose_run.pictures(found, overlay, inputs, force=force)
     session.load_solver(quiet=quiet or json)
 
-    from calibrant.calibrate.pose_result import estimate_poses
-    from calibrant.formats.camera_files import read_camera
+    from calibrant.calibrate.pose.estimate import estimate_poses
+    from calibrant.formats.cameras.read import read_camera
 
     known = read_camera(camera, image_size=next(iter(found.image_sizes.values())))
     result = estimate_poses(known, found, sigma_px=noise, confidence=confidence)

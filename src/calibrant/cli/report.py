@@ -32,10 +32,10 @@ def report(
 
     The photos are shown where they still lie under the names they had, seen from the folder of this command.
     """
-    from calibrant.calibrate.provenance import refuse_if_failed
     from calibrant.cli import session
-    from calibrant.cli.hand_eye_run import in_workspace
     from calibrant.data.result_file import read_result
+    from calibrant.data.verdicts import refuse_if_failed
+    from calibrant.tasks.robots.hand_eye import in_workspace
 
     outputs = session.Outputs(report=out, quiet=quiet, force=force)
     outputs.check()
@@ -44,17 +44,17 @@ def report(
     if not quiet:
         from rich.console import Console
 
-        from calibrant.report.terminal import summary
+        from calibrant.reports.terminal import summary
 
         Console().print(summary(found))
     if out is not None:
-        from calibrant.report.html import write_report
+        from calibrant.reports.html import write_report
 
         write_report(found, out, force=force)
         if not quiet:
             typer.echo(f"\nWritten: {out}")
     if workspace is not None:
-        from calibrant.diagnose.workspace import is_workspace_check
+        from calibrant.diagnose.budget.workspace import is_workspace_check
 
         # Of the checks only these are new: a report of a refused result is a report.
         refuse_if_failed(replace(found, checks=tuple(c for c in found.checks if is_workspace_check(c))))

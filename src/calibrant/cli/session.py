@@ -15,7 +15,7 @@ from calibrant.errors import InputError, RefusedError
 
 if TYPE_CHECKING:
     from calibrant.data import CalibrationResult, Observations
-    from calibrant.detect.refinement import Refinement
+    from calibrant.detection.subpixel.refinement import Refinement
 
 Progress = Callable[[int, int, str], None]
 
@@ -110,7 +110,8 @@ _LOADING = "Loading the solver (the first run compiles it, which takes up to a m
 def load_solver(*, quiet: bool) -> None:
     """Load the kernels for photos; the first run on a machine compiles them, which a person should know."""
     with status(_LOADING, quiet=quiet):
-        from calibrant.calibrate import planar_kernels, reprojection_kernels
+        from calibrant.calibrate.classical import planar_kernels
+        from calibrant.calibrate.reprojection import kernels as reprojection_kernels
         from calibrant.optimize import linear_kernels
 
         _ = (planar_kernels, reprojection_kernels, linear_kernels)
@@ -146,11 +147,11 @@ def detect_boards(
     refinement: Refinement | None = None,
 ) -> Observations:
     """Find the target in every file, with progress. Args: cache: as `cache_folder` takes it."""
-    from calibrant.cli.own_points import read_beside
-    from calibrant.detect import detect
-    from calibrant.detect.refinement import DEFAULT
+    from calibrant.detection import detect
+    from calibrant.detection.subpixel.refinement import DEFAULT
     from calibrant.targets.point_folder import PointFolder
     from calibrant.targets.registry import parse_target
+    from calibrant.tasks.inputs.own_points import read_beside
 
     wanted = parse_target(target)
     if isinstance(wanted, PointFolder):
@@ -170,7 +171,7 @@ def detect_boards(
 
 def cache_folder(given: str | None) -> Path | None:
     """The folder that keeps detections: the one given, none for that word, else the user's own if it can be used."""
-    from calibrant.detect.cache import Cache, default_folder
+    from calibrant.detection.images.cache import Cache, default_folder
 
     if given is not None:
         return None if given == "none" else Path(given)
@@ -196,23 +197,23 @@ def with_misses(result: CalibrationResult) -> CalibrationResult:
 
 def finish(result: CalibrationResult, outputs: Outputs) -> None:
     """Print the summary, write the files and say which. Raises: RefusedError for a result that failed its checks."""
-    from calibrant.calibrate.provenance import refuse_if_failed
+    from calibrant.data.verdicts import refuse_if_failed
 
     refuse_if_failed(result)
     if not outputs.quiet and not outputs.json:
         from rich.console import Console
 
-        from calibrant.report.terminal import summary
+        from calibrant.reports.terminal import summary
 
         Console().print(summary(result))
     if outputs.out is not None:
         result.write(outputs.out, force=outputs.force)
     if outputs.opencv is not None:
-        from calibrant.formats.opencv_yaml import write_intrinsics
+        from calibrant.formats.cameras.opencv import write_intrinsics
 
         write_intrinsics(result.camera, outputs.opencv, rms_px=result.rms_px, force=outputs.force)
     if outputs.report is not None:
-        from calibrant.report.html import write_report
+        from calibrant.reports.html import write_report
 
         write_report(result, outputs.report, force=outputs.force)
     if outputs.json:
@@ -233,7 +234,7 @@ def explain_refusal(outputs: Outputs) -> Iterator[None]:
 
         if not isinstance(error.result, CalibrationResult) or outputs.report is None:
             raise
-        from calibrant.report.html import write_report
+        from calibrant.reports.html import write_report
 
         write_report(with_misses(error.result), outputs.report, force=outputs.force)
         raise RefusedError(f"{error}\ncalibrant: {outputs.report} shows the refused calibration") from error

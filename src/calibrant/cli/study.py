@@ -63,9 +63,11 @@ def methods(
     On simulated points: reprojection error, errors against the truth, time, and where each method fails, one
     condition at a time. On your own points: the same against the full solution of all views.
     """
-    from calibrant.cli import session, study_report, study_run
-    from calibrant.cli.sources import Source
+    from calibrant.cli import session
     from calibrant.data.result_file import write_text
+    from calibrant.studies import page as study_report
+    from calibrant.studies import study as study_run
+    from calibrant.tasks.inputs.sources import Source
 
     outputs = session.Outputs(out, report, json, quiet, force)
     outputs.check()
@@ -79,7 +81,7 @@ def methods(
         name = str(observations) if observations is not None else found.target or "photos"
         done = study_run.observed(found, name=name)
     else:
-        from calibrant.cli.study_scenes import Conditions
+        from calibrant.studies.scenes import Conditions
 
         conditions = Conditions(seed, _noise(noise), *_counts(points, views), lens=lens)
         _check_trials(trials)
@@ -114,8 +116,8 @@ def _noise(text: str) -> float:
 
 
 def _counts(points: int, views: int) -> tuple[int, int]:
-    from calibrant.cli.study_scenes import LEAST_POINTS
     from calibrant.errors import InputError
+    from calibrant.studies.scenes import LEAST_POINTS
 
     if not LEAST_POINTS <= points <= 10_000:
         raise InputError(f"--points {points}: a simulated target has {LEAST_POINTS} to 10000 points")

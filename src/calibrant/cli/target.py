@@ -34,8 +34,8 @@ def run(spec: str, *, out: Path, page: str = "auto", force: bool = False) -> str
 
     Raises: InputError for an impossible spec, page or file; nothing is written then.
     """
-    from calibrant.report.artwork import writer_for
-    from calibrant.report.sheet import sheet_of
+    from calibrant.reports.artwork import writer_for
+    from calibrant.reports.sheet import sheet_of
     from calibrant.targets.registry import parse_target
 
     board = parse_target(spec)

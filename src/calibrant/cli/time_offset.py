@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from calibrant.cli import options as o
-from calibrant.cli.robot_choice import RobotChoice
 from calibrant.errors import InputError
+from calibrant.tasks.inputs.robot_choice import RobotChoice
 
 if TYPE_CHECKING:
-    from calibrant.calibrate.time_offset import TimeOffset
+    from calibrant.calibrate.clocks.offset import TimeOffset
     from calibrant.data import CalibrationResult
 
 
@@ -55,8 +55,8 @@ def time_offset(
     outputs.spare([poses, target_poses])
     reach = _seconds(largest)
 
-    from calibrant.calibrate.time_offset import estimate_time_offset
-    from calibrant.formats.timed_poses import read_timed_poses
+    from calibrant.calibrate.clocks.offset import estimate_time_offset
+    from calibrant.formats.poses.timed import read_timed_poses
 
     arm = RobotChoice(robot, robot_link, robot_base, joint_angle, robot_format)
     moved = read_timed_poses(poses, robot=arm.chain(), joint_angle=joint_angle, maker=robot_format)
@@ -88,9 +88,9 @@ def _seconds(text: str) -> float:
 def _result(found: TimeOffset, setup: str, read: str, inputs: tuple[dict[str, str], ...]) -> CalibrationResult:
     import numpy as np
 
-    from calibrant.calibrate.provenance import stamp
-    from calibrant.calibrate.time_offset import LOOP_ROTATION, LOOP_TRANSLATION
+    from calibrant.calibrate.clocks.offset import LOOP_ROTATION, LOOP_TRANSLATION
     from calibrant.data import CalibrationResult, Check, verdict_of
+    from calibrant.data.verdicts import stamp
 
     ms, sigma = 1e3 * found.offset, 1e3 * found.sigma
     late = "behind" if ms >= 0 else "ahead of"

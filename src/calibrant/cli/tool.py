@@ -71,9 +71,10 @@ def touch(
 
     calibrant tool touch --poses touches.csv --out tool.json
     """
-    from calibrant.cli import session, tool_run
-    from calibrant.cli.pose_choice import PoseForm
-    from calibrant.cli.robot_choice import RobotChoice
+    from calibrant.cli import session
+    from calibrant.tasks.inputs.pose_choice import PoseForm
+    from calibrant.tasks.inputs.robot_choice import RobotChoice
+    from calibrant.tasks.robots import tool as tool_run
 
     outputs.spare(poses)
     form = PoseForm(pose_units, pose_rotation, pose_angle, pose_direction)
@@ -114,9 +115,10 @@ def seen(
 
     calibrant tool seen --poses poses.csv --pixels tip.csv --result hand-eye.json
     """
-    from calibrant.cli import session, tool_run
-    from calibrant.cli.pose_choice import PoseForm
-    from calibrant.cli.robot_choice import RobotChoice
+    from calibrant.cli import session
+    from calibrant.tasks.inputs.pose_choice import PoseForm
+    from calibrant.tasks.inputs.robot_choice import RobotChoice
+    from calibrant.tasks.robots import tool as tool_run
 
     outputs.spare([*poses, pixels, result])
     form = PoseForm(pose_units, pose_rotation, pose_angle, pose_direction)
@@ -153,7 +155,8 @@ def self_visibility(
     calibrant tool self-visibility --image photo.png --features features.csv --camera camera.json --target
     chessboard:9x6:25mm
     """
-    from calibrant.cli import session, tool_run
+    from calibrant.cli import session
+    from calibrant.tasks.robots import tool as tool_run
 
     outputs.spare([image, features, camera])
     noise = o.pixels(sigma_px, option="--sigma-px") or 0.0

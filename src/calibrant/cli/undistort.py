@@ -62,7 +62,7 @@ def undistort(
     Without --alpha, --to, --size or --focal the pictures keep the camera's size and its scale at the axis. 16 bits stay
     16 bits. Prints which part of the pictures has no source.
     """
-    from calibrant.cli import undistort_run
+    from calibrant.tasks.cameras import undistort as undistort_run
 
     undistort_run.run(
         undistort_run.Request(

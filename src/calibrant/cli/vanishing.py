@@ -44,7 +44,8 @@ def vanishing(
     direction and where they meet, and how far from right angles the directions are. Without a camera the focal length
     is found too.
     """
-    from calibrant.cli import session, vanishing_run
+    from calibrant.cli import session
+    from calibrant.tasks.cameras import vanishing as vanishing_run
 
     outputs = session.Outputs(out, report, json, quiet, force)
     outputs.check()

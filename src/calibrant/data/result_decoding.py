@@ -8,7 +8,6 @@ from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
-from calibrant import __version__
 from calibrant.cameras import Camera
 from calibrant.data.observations import DEFAULT_CAMERA, Array, Missed, Observations, View
 from calibrant.data.poses import RobotPoses
@@ -25,6 +24,7 @@ from calibrant.data.results import (
     ViewResult,
 )
 from calibrant.errors import InputError
+from calibrant.version import __version__
 
 T = TypeVar("T")
 

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from calibrant import __version__
 from calibrant.cameras import Camera
 from calibrant.data.observations import Observations
 from calibrant.data.poses import RobotPoses
 from calibrant.data.results import CalibrationResult, Check, MethodResult, TransformEstimate, ViewResult
 from calibrant.errors import InputError
+from calibrant.version import __version__
 
 FORMAT = "calibrant/1"
 

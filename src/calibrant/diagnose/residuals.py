@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.tails import chi2_tail
 from calibrant.data import CalibrationResult, Check, View, ViewResult
 from calibrant.errors import InputError
 from calibrant.geometry import se3
+from calibrant.optimize.chances import chi2_tail
 
 Array = NDArray[np.float64]
 
@@ -138,7 +138,7 @@ def structure_check(views: tuple[ViewResiduals, ...], *, image_size: tuple[int, 
 
 def _fitted(result: CalibrationResult, views: Sequence[View]) -> dict[tuple[str, str], Array]:
     """Poses of the views by (camera, id), each camera held; views that determine none are absent."""
-    from calibrant.calibrate.target_poses import target_poses  # compiled code: only where a pose is missing
+    from calibrant.calibrate.pose.target_poses import target_poses  # compiled code: only where a pose is missing
 
     poses: dict[tuple[str, str], Array] = {}
     for name, camera in result.cameras.items():

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from calibrant.data import DEFAULT_CAMERA, Missed, Observations, View
 from calibrant.errors import InputError
-from calibrant.formats.opencv_storage import read_yaml
+from calibrant.formats.cameras.opencv_storage import read_yaml
 from calibrant.targets.point_folder import PointFolder
 
 Array = NDArray[np.float64]

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import calibrant as cb
-from calibrant.calibrate.hand_eye.several import calibrate_several
-from calibrant.calibrate.hand_eye.several_setting import Pictures
-from calibrant.calibrate.hand_eye.turned_boards import NAME, board_turns, turned_views
+from calibrant.calibrate.hand_eye.boards.turned import NAME, board_turns, turned_views
+from calibrant.calibrate.hand_eye.calibrate_cell import calibrate_several
+from calibrant.calibrate.hand_eye.cell.layout import Pictures
 from calibrant.data import CalibrationResult, Observations, RobotPoses
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3, so3

@@ -12,11 +12,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from calibrant.calibrate.hand_eye.loops import loop_errors
-from calibrant.calibrate.hand_eye.relative import PosePairs
-from calibrant.calibrate.hand_eye.solvers import SOLVERS, get_solver
-from calibrant.calibrate.hand_eye.solvers import convex as convex_module
-from calibrant.calibrate.hand_eye.solvers.kronecker import linear_system
+from calibrant.calibrate.hand_eye.loop.errors import loop_errors
+from calibrant.calibrate.solvers import SOLVERS, get_solver
+from calibrant.calibrate.solvers import convex as convex_module
+from calibrant.calibrate.solvers.kronecker import linear_system
+from calibrant.calibrate.solvers.relative import PosePairs
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3, so3
 

@@ -16,7 +16,7 @@ from calibrant.calibrate.kinematics.model import Gravity, RobotModel, joint_term
 from calibrant.calibrate.kinematics.result import as_result, axis_rows
 from calibrant.data.joint_measurements import JointMeasurements
 from calibrant.errors import InputError, RefusedError
-from calibrant.formats.robots import read_robot
+from calibrant.formats.robots.read import read_robot
 from calibrant.geometry import se3, so3
 from calibrant.robots.arms import arm
 from calibrant.robots.links import as_links

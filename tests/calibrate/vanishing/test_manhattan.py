@@ -13,7 +13,7 @@ from calibrant.calibrate.vanishing.fit import LineFactor
 from calibrant.calibrate.vanishing.manhattan import Manhattan, default_camera, manhattan_rotation, vanishing_point
 from calibrant.calibrate.vanishing.result import vanishing_result
 from calibrant.cameras import Camera
-from calibrant.detect.line_segments import Segments, find_segments, from_parts
+from calibrant.detection.line_segments import Segments, find_segments, from_parts
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import so3
 from calibrant.simulate.manhattan import render_room, room

@@ -13,8 +13,8 @@ from calibrant import calibrate_hand_eye
 from calibrant.cli.application import run
 from calibrant.diagnose.doctor.diagnosis import diagnose_poses
 from calibrant.diagnose.doctor.repair import calibrate_repaired
-from calibrant.formats.poses import readings
-from calibrant.formats.raw_poses import RawPoses
+from calibrant.formats.poses.raw import RawPoses
+from calibrant.formats.poses.read import readings
 from calibrant.geometry import rotations, se3
 from calibrant.simulate.scenes import hand_eye_scene
 

@@ -16,7 +16,7 @@ from calibrant.diagnose.doctor.diagnosis import Diagnosis, as_result, diagnose_p
 from calibrant.diagnose.doctor.repair import calibrate_repaired
 from calibrant.diagnose.doctor.timing import times_of_names
 from calibrant.errors import RefusedError
-from calibrant.formats.poses import PoseReading, read_poses, readings
+from calibrant.formats.poses.read import PoseReading, read_poses, readings
 from calibrant.geometry import rotations, se3
 from calibrant.simulate.scenes import hand_eye_scene
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibrant.calibrate.hand_eye.turned_boards import NAME, board_turns, turned_views
+from calibrant.calibrate.hand_eye.boards.turned import NAME, board_turns, turned_views
 from calibrant.data import Observations, RobotPoses
 from calibrant.diagnose.doctor.diagnosis import diagnose_views
 from calibrant.diagnose.doctor.repair import calibrate_repaired
-from calibrant.formats.poses import read_poses, readings
+from calibrant.formats.poses.read import read_poses, readings
 from calibrant.geometry import se3
 from calibrant.geometry.rotations import euler_from_matrix
 from calibrant.simulate.cell import poses_csv

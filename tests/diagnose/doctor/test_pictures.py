@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibrant.calibrate.intrinsics import calibrate_intrinsics
+from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics
 from calibrant.data import Observations, RobotPoses
-from calibrant.detect import detect
+from calibrant.detection import detect
 from calibrant.diagnose.doctor import case_of_views, markers
 from calibrant.diagnose.doctor.diagnosis import diagnose_views
-from calibrant.formats.poses import read_poses, readings
+from calibrant.formats.poses.read import read_poses, readings
 from calibrant.geometry import se3
 from calibrant.simulate.render import render
 from calibrant.simulate.scenes import look_at_board, standard_camera

@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calibrant.diagnose.conventions import Setup, robot_side
+from calibrant.diagnose.conventions.decide import Setup, robot_side
 from calibrant.diagnose.doctor.target_notation import decide_target_notation
 from calibrant.errors import RefusedError
-from calibrant.formats.poses import PoseReading, read_poses, readings
+from calibrant.formats.poses.read import PoseReading, read_poses, readings
 from calibrant.geometry import se3, so3
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibrant.calibrate import planar_start
+from calibrant.calibrate.classical import planar as planar_start
 from calibrant.calibrate.classical.alignment import Scale, align, align_coplanar
 from calibrant.calibrate.classical.depth import finished
 from calibrant.calibrate.classical.points import (

@@ -18,7 +18,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calibrant.calibrate import planar_start
+from calibrant.calibrate.classical import planar as planar_start
 from calibrant.calibrate.classical.alignment import FACING
 from calibrant.calibrate.classical.dlt import camera_of
 from calibrant.calibrate.classical.linear import SIGMAS, least_squares, null_vector

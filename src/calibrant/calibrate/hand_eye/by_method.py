@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.solvers import SOLVERS
+from calibrant.calibrate.solvers import SOLVERS
 from calibrant.data import CalibrationResult, Check, as_transform, verdict_of
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3

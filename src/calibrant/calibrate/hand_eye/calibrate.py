@@ -13,11 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calibrant.calibrate.hand_eye import checks as questions
+from calibrant.calibrate.hand_eye.boards.turned import agreeing
 from calibrant.calibrate.hand_eye.by_method import JOINT, answered_by, require_method
-from calibrant.calibrate.hand_eye.consistency import inconsistent_views
-from calibrant.calibrate.hand_eye.held_out import leave_out
-from calibrant.calibrate.hand_eye.image_poses import ImagePoses, image_poses
-from calibrant.calibrate.hand_eye.joint import (
+from calibrant.calibrate.hand_eye.cell.camera_role import (
     FLOORS,
     PIXEL,
     ROBOT_ROTATION,
@@ -25,10 +23,15 @@ from calibrant.calibrate.hand_eye.joint import (
     CameraRole,
     image_problem,
 )
-from calibrant.calibrate.hand_eye.loop_noise import LoopNoise
-from calibrant.calibrate.hand_eye.loops import loop_errors
-from calibrant.calibrate.hand_eye.motion import MotionReport, motion_report
-from calibrant.calibrate.hand_eye.seed import (
+from calibrant.calibrate.hand_eye.cell.consistency import inconsistent_views
+from calibrant.calibrate.hand_eye.cell.held_out import leave_out
+from calibrant.calibrate.hand_eye.loop.errors import loop_errors
+from calibrant.calibrate.hand_eye.loop.image_poses import ImagePoses, image_poses
+from calibrant.calibrate.hand_eye.loop.motion import MotionReport, motion_report
+from calibrant.calibrate.hand_eye.loop.noise import LoopNoise
+from calibrant.calibrate.hand_eye.loop.target_size import target_size
+from calibrant.calibrate.hand_eye.pose_pairs import TARGET_ROTATION, TARGET_TRANSLATION, pose_pair_problem
+from calibrant.calibrate.hand_eye.starts.seed import (
     Seed,
     best_seed,
     compare_methods,
@@ -36,13 +39,9 @@ from calibrant.calibrate.hand_eye.seed import (
     method_result,
     seed_of_all,
 )
-from calibrant.calibrate.hand_eye.setup import SETUPS, Setup, get_setup
-from calibrant.calibrate.hand_eye.target_size import target_size
-from calibrant.calibrate.hand_eye.turned_boards import agreeing
 from calibrant.calibrate.hand_eye.views import HandEyeViews, from_target_poses
-from calibrant.calibrate.outliers import mark, points_reason
-from calibrant.calibrate.pose_pairs import TARGET_ROTATION, TARGET_TRANSLATION, pose_pair_problem
-from calibrant.calibrate.provenance import refuse_if_failed, stamp
+from calibrant.calibrate.reprojection.outliers import mark, points_reason
+from calibrant.calibrate.solvers.setup import SETUPS, Setup, get_setup
 from calibrant.cameras import Camera
 from calibrant.data import (
     CalibrationResult,
@@ -55,6 +54,7 @@ from calibrant.data import (
     as_transform,
     verdict_of,
 )
+from calibrant.data.verdicts import refuse_if_failed, stamp
 from calibrant.errors import RefusedError
 from calibrant.geometry import se3
 from calibrant.optimize.noise import NoiseEstimate, estimate_noise

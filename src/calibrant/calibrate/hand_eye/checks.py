@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibrant.calibrate.hand_eye.image_poses import ImagePoses
-from calibrant.calibrate.hand_eye.loop_noise import LoopNoise
-from calibrant.calibrate.hand_eye.loops import LoopErrors
-from calibrant.calibrate.hand_eye.motion import MotionReport
-from calibrant.calibrate.hand_eye.seed import Seed
-from calibrant.calibrate.hand_eye.setup import SETUPS, Setup
+from calibrant.calibrate.hand_eye.loop.errors import LoopErrors
+from calibrant.calibrate.hand_eye.loop.image_poses import ImagePoses
+from calibrant.calibrate.hand_eye.loop.motion import MotionReport
+from calibrant.calibrate.hand_eye.loop.noise import LoopNoise
+from calibrant.calibrate.hand_eye.starts.seed import Seed
 from calibrant.calibrate.hand_eye.views import HandEyeViews
+from calibrant.calibrate.solvers.setup import SETUPS, Setup
 from calibrant.data import Check, HeldOut, SigmaRobot
 from calibrant.optimize.solution import Solution
 

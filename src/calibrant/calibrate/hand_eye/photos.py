@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.joint import CameraRole, prior_camera
+from calibrant.calibrate.hand_eye.cell.camera_role import CameraRole, prior_camera
 from calibrant.calibrate.hand_eye.views import (
     LEAST_SIGMA_PX,
     HandEyeViews,
@@ -16,10 +16,10 @@ from calibrant.calibrate.hand_eye.views import (
     unsharp_views,
 )
 from calibrant.calibrate.hand_eye.views import MINIMUM_POINTS as ENOUGH_POINTS
-from calibrant.calibrate.intrinsics import CAUCHY_SCALE_SIGMAS, MINIMUM_POINTS, calibrate_keeping
-from calibrant.calibrate.outliers import Marked, mark, view_reason
-from calibrant.calibrate.target_poses import target_poses
-from calibrant.calibrate.weights import reweighted
+from calibrant.calibrate.intrinsics.calibrate import CAUCHY_SCALE_SIGMAS, MINIMUM_POINTS, calibrate_keeping
+from calibrant.calibrate.pose.target_poses import target_poses
+from calibrant.calibrate.reprojection.outliers import Marked, mark, view_reason
+from calibrant.calibrate.reprojection.weights import reweighted
 from calibrant.cameras import Camera
 from calibrant.data import Observations, RobotPoses, View, ViewResult
 from calibrant.errors import InputError

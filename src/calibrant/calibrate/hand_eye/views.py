@@ -71,7 +71,7 @@ class HandEyeViews:
         """The same with the target poses of the used views found again by another camera."""
         if self.views is None:
             return self
-        from calibrant.calibrate.target_poses import target_poses  # not needed for pose pairs
+        from calibrant.calibrate.pose.target_poses import target_poses  # not needed for pose pairs
 
         found = target_poses(camera, [v for v, use in zip(self.views, self.use) if use])
         B, covariance = self.B.copy(), self.covariance.copy()
@@ -138,7 +138,7 @@ def from_observations(
 
     sigma_px: noise per axis; by default what the typical view's residuals show.
     """
-    from calibrant.calibrate.target_poses import target_poses  # not needed for pose pairs
+    from calibrant.calibrate.pose.target_poses import target_poses  # not needed for pose pairs
 
     _, matched = match_views(poses, observations)
     views = list(observations.views)

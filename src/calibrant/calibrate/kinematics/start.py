@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.solvers.registry import SOLVERS
+from calibrant.calibrate.solvers.registry import SOLVERS
 from calibrant.data.joint_measurements import JointMeasurements
 from calibrant.errors import RefusedError
 from calibrant.geometry import se3, so3

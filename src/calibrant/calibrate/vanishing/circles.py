@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.cameras import CameraModel
-from calibrant.detect.line_segments import Segments
+from calibrant.detection.line_segments import Segments
 from calibrant.errors import InputError
 
 Array = NDArray[np.float64]

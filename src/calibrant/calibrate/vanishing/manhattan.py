@@ -25,7 +25,7 @@ from calibrant.calibrate.vanishing.fit import (
 from calibrant.calibrate.vanishing.orthogonality import RightAngle, right_angles
 from calibrant.calibrate.vanishing.search import FOCAL_GRID, GATE, chance_log10, scaled_normals, search, whitened
 from calibrant.cameras import Camera
-from calibrant.detect.line_segments import Segments
+from calibrant.detection.line_segments import Segments
 from calibrant.errors import InputError, RefusedError
 
 Array = NDArray[np.float64]

@@ -14,12 +14,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.robust import log_misfit, noise_freedom
-from calibrant.calibrate.tails import f_tail
+from calibrant.calibrate.hand_eye.starts.robust import log_misfit, noise_freedom
 from calibrant.diagnose.doctor.case import Case, loop_of
 from calibrant.diagnose.doctor.finding import Evidence, Finding
 from calibrant.diagnose.doctor.significance import CONVINCING, confidence
 from calibrant.geometry import se3, so3
+from calibrant.optimize.chances import f_tail
 
 Array = NDArray[np.float64]
 

@@ -9,17 +9,17 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.loop_noise import LoopNoise
-from calibrant.calibrate.hand_eye.robust import OUTLIER_P, RobustFit, log_misfit, robust_fit
-from calibrant.calibrate.hand_eye.setup import Setup, get_setup
-from calibrant.calibrate.hand_eye.target_size import target_size
-from calibrant.calibrate.hand_eye.turned_boards import with_boards
+from calibrant.calibrate.hand_eye.boards.turned import with_boards
+from calibrant.calibrate.hand_eye.loop.noise import LoopNoise
+from calibrant.calibrate.hand_eye.loop.target_size import target_size
+from calibrant.calibrate.hand_eye.starts.robust import OUTLIER_P, RobustFit, log_misfit, robust_fit
 from calibrant.calibrate.hand_eye.views import HandEyeViews, from_observations, from_target_poses
-from calibrant.calibrate.tails import f_tail
+from calibrant.calibrate.solvers.setup import Setup, get_setup
 from calibrant.cameras import Camera
 from calibrant.data import Missed, Observations, RobotPoses, View
 from calibrant.diagnose.doctor.finding import Loop
 from calibrant.geometry import se3
+from calibrant.optimize.chances import f_tail
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

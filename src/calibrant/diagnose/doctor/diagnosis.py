@@ -9,18 +9,18 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.turned_boards import ViewsNumbered
+from calibrant.calibrate.hand_eye.boards.turned import ViewsNumbered
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Check, Observations, RobotPoses, View, ViewResult, verdict_of
+from calibrant.diagnose.conventions.hypotheses import Setup
 from calibrant.diagnose.doctor.case import Case, case_of_poses, case_of_views
 from calibrant.diagnose.doctor.finding import Finding
 from calibrant.diagnose.doctor.numbering import finding, numbering_of
 from calibrant.diagnose.doctor.reading import PoseDecision, decide_poses
 from calibrant.diagnose.doctor.search import Examination, examine
 from calibrant.diagnose.doctor.timing import times_of
-from calibrant.diagnose.hypotheses import Setup
 from calibrant.errors import InputError
-from calibrant.formats.pose_readings import PoseReading
+from calibrant.formats.poses.readings import PoseReading
 from calibrant.geometry import se3
 
 Array = NDArray[np.float64]

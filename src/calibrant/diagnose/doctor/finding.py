@@ -10,8 +10,8 @@ from calibrant.data import Check, Measured
 from calibrant.data.results import Status
 
 if TYPE_CHECKING:
+    from calibrant.diagnose.conventions.hypotheses import Alternative
     from calibrant.diagnose.doctor.case import Case
-    from calibrant.diagnose.hypotheses import Alternative
 
 Repair = Callable[["Case"], "Case"]
 

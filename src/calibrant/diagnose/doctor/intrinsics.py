@@ -33,7 +33,7 @@ def examine(case: Case) -> list[Finding]:
     """Do the images fit the camera that was given?"""
     if not case.camera_given or case.camera is None or case.observations is None or len(case.index) < LEAST_VIEWS:
         return []
-    from calibrant.calibrate.intrinsics import calibrate_intrinsics
+    from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics
 
     views = [v for v, use in zip(case.data.views or (), case.data.use) if use]
     model = "brown" if case.camera.model.name == "pinhole" else case.camera.model.name
@@ -45,7 +45,7 @@ def examine(case: Case) -> list[Finding]:
 
 
 def _compared(case: Case, views: list[View], given: Camera, fresh: Camera) -> list[Finding]:
-    from calibrant.calibrate.target_poses import target_poses
+    from calibrant.calibrate.pose.target_poses import target_poses
 
     repaired = _with_camera(case, fresh)
     points = np.array([len(v) for v in views])

@@ -73,7 +73,7 @@ def _charuco(case: Case) -> Charuco | None:
 
 def _sides(case: Case, row: int, target: Charuco) -> tuple[Array, Array]:
     """Sides of the markers in one picture: over the side given, and in pixels."""
-    from calibrant.detect.images import load_grey
+    from calibrant.detection.images.images import load_grey
 
     view: View = case.data.views[row]  # type: ignore[index]
     nothing = np.zeros(0), np.zeros(0)
@@ -93,9 +93,9 @@ def _sides(case: Case, row: int, target: Charuco) -> tuple[Array, Array]:
 
 def _quads(grey: NDArray[np.uint8], target: Charuco) -> Array:
     """The outlines (k, 4, 2) px of the board's markers in a picture, each side where its edge is."""
-    from calibrant.detect.marker_search import Effort, find_markers
-    from calibrant.detect.opencv import marker_cells
-    from calibrant.detect.quad_edges import refine_quads
+    from calibrant.detection.opencv import marker_cells
+    from calibrant.detection.tags.quad_edges import refine_quads
+    from calibrant.detection.tags.search import Effort, find_markers
 
     dark = np.asarray(255 - grey, np.uint8) if target.inverted else grey
     markers = find_markers(dark, target.dictionary, Effort(1))

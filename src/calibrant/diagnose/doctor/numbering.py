@@ -11,13 +11,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.numbering import congruence
-from calibrant.calibrate.hand_eye.turned_boards import ViewsNumbered, board_turns, numbered_by_robot
+from calibrant.calibrate.hand_eye.boards.numbering import congruence
+from calibrant.calibrate.hand_eye.boards.turned import ViewsNumbered, board_turns, numbered_by_robot
+from calibrant.diagnose.conventions.hypotheses import SIEVE_DEG, SIEVE_RATIO
 from calibrant.diagnose.doctor.case import Case
 from calibrant.diagnose.doctor.finding import Finding
 from calibrant.diagnose.doctor.significance import CONVINCING, confidence
-from calibrant.diagnose.hypotheses import SIEVE_DEG, SIEVE_RATIO
-from calibrant.formats.pose_readings import PoseReading
+from calibrant.formats.poses.readings import PoseReading
 from calibrant.geometry import se3
 
 Array = NDArray[np.float64]

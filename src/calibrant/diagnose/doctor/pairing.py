@@ -13,12 +13,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.relative import pair_indices
-from calibrant.calibrate.hand_eye.robust import relative_angles
+from calibrant.calibrate.hand_eye.starts.robust import relative_angles
+from calibrant.calibrate.solvers.relative import pair_indices
 from calibrant.diagnose.doctor.case import Case
 from calibrant.diagnose.doctor.finding import Evidence, Finding
 from calibrant.diagnose.doctor.significance import CONVINCING, confidence, ratio_test
-from calibrant.formats.natural_order import natural_key
+from calibrant.formats.poses.natural_order import natural_key
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

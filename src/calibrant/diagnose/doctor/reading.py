@@ -15,17 +15,17 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.loops import loop_consistency
-from calibrant.calibrate.hand_eye.robust import log_misfit, robust_fit
+from calibrant.calibrate.hand_eye.loop.errors import loop_consistency
+from calibrant.calibrate.hand_eye.starts.robust import log_misfit, robust_fit
 from calibrant.data import Check
-from calibrant.diagnose.conventions import ConventionDecision, decide
+from calibrant.diagnose.conventions.decide import ConventionDecision, decide
+from calibrant.diagnose.conventions.hypotheses import CONSISTENT, Alternative, Setup
 from calibrant.diagnose.doctor.exchanged import look_inverted
 from calibrant.diagnose.doctor.finding import Evidence, Finding, Loop
 from calibrant.diagnose.doctor.pairing import Order, congruent_orders
 from calibrant.diagnose.doctor.significance import confidence
-from calibrant.diagnose.hypotheses import CONSISTENT, Alternative, Setup
 from calibrant.errors import RefusedError
-from calibrant.formats.pose_readings import PoseReading
+from calibrant.formats.poses.readings import PoseReading
 from calibrant.geometry import se3
 
 Array = NDArray[np.float64]

@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from calibrant.calibrate.hand_eye.loops import loop_consistency
+from calibrant.calibrate.hand_eye.loop.errors import loop_consistency
+from calibrant.diagnose.conventions.hypotheses import CONSISTENT
 from calibrant.diagnose.doctor import (
     bad_views,
     boards,
@@ -27,7 +28,6 @@ from calibrant.diagnose.doctor import (
 from calibrant.diagnose.doctor.case import Case
 from calibrant.diagnose.doctor.finding import Finding, Loop
 from calibrant.diagnose.doctor.significance import confidence
-from calibrant.diagnose.hypotheses import CONSISTENT
 
 Examine = Callable[[Case], list[Finding]]
 

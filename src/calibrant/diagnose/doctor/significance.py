@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibrant.calibrate.tails import f_tail, t_tail
+from calibrant.optimize.chances import f_tail, t_tail
 
 CONVINCING = 1e-3
 """Chance of a false alarm of one kind of fault on clean data, after counting its hypotheses. Ten kinds then raise one

@@ -11,13 +11,13 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.loop_fit import fit_loop
-from calibrant.calibrate.hand_eye.loops import loop_consistency
+from calibrant.calibrate.hand_eye.loop.errors import loop_consistency
+from calibrant.calibrate.hand_eye.loop.fit import fit_loop
 from calibrant.data import Measured
+from calibrant.diagnose.conventions.hypotheses import CONSISTENT
 from calibrant.diagnose.doctor.case import Case
 from calibrant.diagnose.doctor.finding import Evidence, Finding
 from calibrant.diagnose.doctor.significance import CONVINCING, confidence, student_test
-from calibrant.diagnose.hypotheses import CONSISTENT
 from calibrant.geometry import se3
 
 Array = NDArray[np.float64]

@@ -12,12 +12,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibrant.diagnose.conventions import CLEAR_RATIO, EQUAL_P, EQUAL_RATIO, loop_f_test, same_result
+from calibrant.diagnose.conventions.decide import CLEAR_RATIO, EQUAL_P, EQUAL_RATIO, loop_f_test, same_result
+from calibrant.diagnose.conventions.hypotheses import (
+    CONSISTENT,
+    Alternative,
+    misfit_of,
+    notation_angles,
+    rank,
+    sieve_limit,
+)
 from calibrant.diagnose.doctor.finding import Evidence, Finding, Loop
 from calibrant.diagnose.doctor.significance import confidence
-from calibrant.diagnose.hypotheses import CONSISTENT, Alternative, misfit_of, notation_angles, rank, sieve_limit
 from calibrant.errors import RefusedError
-from calibrant.formats.pose_readings import PoseReading
+from calibrant.formats.poses.readings import PoseReading
 
 MOST_POSES = 20
 """Poses that judge a notation: wrong ones leave tens of degrees, which twenty tell from noise as well as all do."""

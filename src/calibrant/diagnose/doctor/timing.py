@@ -12,12 +12,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.loop_fit import LoopFit, fit_loop
+from calibrant.calibrate.hand_eye.loop.fit import LoopFit, fit_loop
 from calibrant.data import Measured
 from calibrant.diagnose.doctor.case import Case, loop_of
 from calibrant.diagnose.doctor.finding import Evidence, Finding
 from calibrant.diagnose.doctor.significance import CONVINCING, confidence, nested_test
-from calibrant.formats.pose_readings import PoseReading
+from calibrant.formats.poses.readings import PoseReading
 from calibrant.geometry import se3
 
 Array = NDArray[np.float64]

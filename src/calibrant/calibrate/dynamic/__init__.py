@@ -1,0 +1,1 @@
+"""A camera beside the robot, located through the wrist camera."""

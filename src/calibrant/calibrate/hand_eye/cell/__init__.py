@@ -1,0 +1,1 @@
+"""A cell of cameras, robots, targets and lists of pictures as one weighted problem."""

@@ -1,0 +1,212 @@
+"""Several cameras and several robots in one problem: who is mounted where, and the chain of each picture.
+
+    eye-in-hand  T_camera_target = T_gripper_camera^-1 T_base_gripper^-1 [T_root_base^-1] T_root_target
+    eye-to-hand  T_camera_target = T_root_camera^-1 [T_root_base] T_base_gripper T_gripper_target
+    standing     T_camera_target = T_root_camera^-1 T_root_target
+    hand-to-hand T_camera_target = T_gripper_camera^-1 T_base_gripper^-1 T_root_base^-1
+                   T_root_base' T_base'_gripper' T_gripper'_target        (' of the other robot)
+
+The root is the first robot's base; [T_root_base] is there for every other robot. What stands still is one unknown in
+the root, what a robot carries is one in its gripper: cameras that see the same target, robots that carry or show one to
+the same camera, share these unknowns, and through them their errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.calibrate.reprojection.links import Link
+from calibrant.data import Observations, RobotPoses
+from calibrant.errors import InputError
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Frame = tuple[str, str]
+"""(parent, child)."""
+
+IN_HAND, TO_HAND, STANDING, HAND_TO_HAND = "eye-in-hand", "eye-to-hand", "standing", "hand-to-hand"
+ARRANGEMENTS = (IN_HAND, TO_HAND, STANDING, HAND_TO_HAND)
+ONLY_ROBOT = "robot"
+
+
+@dataclass(frozen=True, eq=False)
+class Pictures:
+    """What one camera saw at poses of one robot: views whose `moment` is the pose's id.
+
+    setup: eye-in-hand (the robot carries the camera), eye-to-hand (it carries the target), standing (neither: camera
+    and target stand beside the robot, which takes no part), hand-to-hand (it carries the camera, and robot `other` the
+    target: a view's moment is the id of a pose of each). target: name of the target, where there are several.
+    """
+
+    camera: str
+    setup: str
+    observations: Observations
+    robot: str = ONLY_ROBOT
+    target: str = "target"
+    other: str = ""
+
+    def __post_init__(self) -> None:
+        if self.setup not in ARRANGEMENTS:
+            raise InputError(
+                f"unknown setup {self.setup!r} of camera {self.camera!r}; choose {', '.join(ARRANGEMENTS)}"
+            )
+        if (self.setup == HAND_TO_HAND) != bool(self.other) or self.other == self.robot:
+            raise InputError(
+                f"camera {self.camera!r}, {self.setup}: hand-to-hand goes with another robot that carries the target "
+                f"(other={self.other!r}), and nothing else does"
+            )
+        if len(self.observations.image_sizes) != 1:
+            named = ", ".join(self.observations.image_sizes)
+            raise InputError(f"the pictures of camera {self.camera!r} are of several: {named}; give one list a camera")
+
+    @property
+    def words(self) -> str:
+        """The pictures, for messages."""
+        at = "" if self.robot == ONLY_ROBOT else f" at {self.robot}"
+        to = f", target on {self.other}" if self.other else ""
+        return f"camera {self.camera}{at} ({self.setup}{to})"
+
+    @property
+    def camera_robot(self) -> str | None:
+        """The robot that carries the camera."""
+        return self.robot if self.setup in (IN_HAND, HAND_TO_HAND) else None
+
+    @property
+    def target_robot(self) -> str | None:
+        """The robot that carries the target."""
+        return self.other or (self.robot if self.setup == TO_HAND else None)
+
+    @property
+    def movers(self) -> tuple[str, ...]:
+        """The robots between camera and target."""
+        return tuple(r for r in (self.camera_robot, self.target_robot) if r is not None)
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """The frames of a cell: robots by name, and the pictures taken there."""
+
+    robots: Mapping[str, RobotPoses]
+    pictures: tuple[Pictures, ...]
+
+    def __post_init__(self) -> None:
+        for p in self.pictures:
+            for robot in filter(None, (p.robot, p.other)):
+                if robot not in self.robots:
+                    raise InputError(
+                        f"{p.words}: no poses of robot {robot!r}; there are poses of {', '.join(self.robots)}"
+                    )
+        for camera in self.cameras:
+            parents = {self.camera_parent(p) for p in self.pictures if p.camera == camera}
+            if len(parents) > 1:
+                raise InputError(f"camera {camera!r} cannot be fixed to both {' and '.join(sorted(parents))}")
+        idle = [r for r in self.robots if all(r not in (p.robot, p.other) for p in self.pictures)]
+        if idle:
+            raise InputError(f"no pictures belong to robot {idle[0]!r}; leave its poses out, or name its pictures")
+        clash = set(self.cameras) & {*map(self.base, self.robots), *map(self.gripper, self.robots), *self.targets}
+        if clash:
+            raise InputError(f"camera {sorted(clash)[0]!r} has the name of another frame; call it otherwise")
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Names of the cameras in the order given."""
+        return tuple(dict.fromkeys(p.camera for p in self.pictures))
+
+    @property
+    def root(self) -> str:
+        """The first robot's base, the frame of all that stands still."""
+        return self.base(next(iter(self.robots)))
+
+    def base(self, robot: str) -> str:
+        """Frame of a robot's base: "base" for the only robot."""
+        return "base" if len(self.robots) == 1 else f"{robot}_base"
+
+    def gripper(self, robot: str) -> str:
+        """Frame of a robot's gripper: "gripper" for the only robot."""
+        return "gripper" if len(self.robots) == 1 else f"{robot}_gripper"
+
+    def camera_parent(self, p: Pictures) -> str:
+        """What the camera is fixed to."""
+        return self.root if p.camera_robot is None else self.gripper(p.camera_robot)
+
+    def target_parent(self, p: Pictures) -> str:
+        """What the target is fixed to."""
+        return self.root if p.target_robot is None else self.gripper(p.target_robot)
+
+    def target(self, p: Pictures) -> str:
+        """Frame of the target where it was for these pictures: a board that was moved from a table into a gripper is
+        two frames."""
+        parents = {self.target_parent(q) for q in self.pictures if q.target == p.target}
+        return p.target if len(parents) == 1 else f"{self.target_parent(p)}_{p.target}"
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """Frames of all targets."""
+        return tuple(dict.fromkeys(self.target(p) for p in self.pictures))
+
+    @cached_property
+    def unknown(self) -> tuple[Frame, ...]:
+        """The transforms to be found: cameras, targets, the other robots' bases."""
+        cameras = {(self.camera_parent(p), p.camera): None for p in self.pictures}
+        targets = {(self.target_parent(p), self.target(p)): None for p in self.pictures}
+        bases = [(self.root, self.base(r)) for r in self.robots if self.base(r) != self.root]
+        return (*cameras, *targets, *bases)
+
+    def constants(self, p: Pictures) -> tuple[Frame, Frame]:
+        """What pictures with a robot between camera and target tell: the camera's place and the target's, each by what
+        it stands on or hangs from at this robot."""
+        base, gripper = self.base(p.robot), self.gripper(p.robot)
+        camera, target = (gripper, base) if p.setup == IN_HAND else (base, gripper)
+        return (camera, p.camera), (target, self.target(p))
+
+    def chain(self, p: Pictures, rows: Mapping[str, Indices], count: int) -> list[Link]:
+        """T_camera_target of `count` views at rows (count,) of the poses of each robot between camera and target."""
+        once = np.zeros(count, dtype=np.int64)
+        camera = self._reach(p.camera_robot, rows, once)
+        camera.append(Link(variable((self.camera_parent(p), p.camera)), once))
+        target = self._reach(p.target_robot, rows, once)
+        target.append(Link(variable((self.target_parent(p), self.target(p))), once))
+        return [*(replace(k, inverted=True) for k in reversed(camera)), *target]
+
+    def _reach(self, robot: str | None, rows: Mapping[str, Indices], once: Indices) -> list[Link]:
+        """T_root_gripper of a robot; nothing for none. A camera and a target on one robot's side share its base."""
+        if robot is None:
+            return []
+        base = [] if self.base(robot) == self.root else [Link(variable((self.root, self.base(robot))), once)]
+        return [*base, Link(poses_variable(robot), rows[robot])]
+
+
+def id_prefix(lists: Sequence[tuple[str, str]], i: int) -> str:
+    """What the view ids of list i begin with: the robot's name, where a camera stands in several lists.
+
+    lists: (camera, robot) of each.
+    """
+    camera, robot = lists[i]
+    if [c for c, _ in lists].count(camera) == 1:
+        return ""
+    return f"{robot}/{i}/" if lists[i] in lists[:i] else f"{robot}/"
+
+
+def variable(frame: Frame) -> str:
+    """Name of a transform's unknown."""
+    return f"T_{frame[0]}_{frame[1]}"
+
+
+def poses_variable(robot: str) -> str:
+    """Name of a robot's true poses."""
+    return f"poses of {robot}"
+
+
+def layout(robots: Mapping[str, RobotPoses] | RobotPoses, pictures: Sequence[Pictures]) -> Layout:
+    """The layout of one robot or several. Raises: InputError for names that do not fit, no pictures, no robots."""
+    named = {ONLY_ROBOT: robots} if isinstance(robots, RobotPoses) else dict(robots)
+    if not named or not pictures:
+        raise InputError(
+            "several cameras or robots: give the poses of one robot or more, and the pictures of each camera"
+        )
+    return Layout(named, tuple(pictures))

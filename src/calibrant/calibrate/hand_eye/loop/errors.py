@@ -1,0 +1,157 @@
+"""The loop of hand-eye calibration: A_i X B_i must be one and the same transform Z in every view.
+
+Its spread is the error a person can check without knowing the truth: how far the views disagree on where the target
+is, seen through the robot and the camera.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calibrant.calibrate.solvers.relative import PosePairs, pose_pairs, sample
+from calibrant.errors import InputError
+from calibrant.geometry import se3, so3
+
+Array = NDArray[np.float64]
+
+START_CANDIDATES = 100
+"""Samples tried as the start of a median: with a minority of wrong ones, some of a hundred are near the centre."""
+MOST_FOR_SIZE = 200
+"""Poses of a longer session whose motion stands for all: its size is known to five per cent, and compared with 25 %."""
+
+
+@dataclass(frozen=True, eq=False)
+class LoopErrors:
+    """Spread of Z_i = A_i X B_i about their mean Z (4, 4).
+
+    view_mm, view_deg (n,): distance and angle of every Z_i from Z; rms_mm, rms_deg: root mean square over the views.
+    """
+
+    rms_mm: float
+    rms_deg: float
+    view_mm: Array
+    view_deg: Array
+    Z: Array
+
+
+@dataclass(frozen=True, eq=False)
+class LoopConsistency:
+    """How well A_i X B_i agree, by medians, so that a minority of wrong views does not hide a right hypothesis.
+
+    median_mm, median_deg: median distance and angle of Z_i from their robust centre Z. `score` is free of units and
+    compares hypotheses: the larger of the distance over the size of the robot's motion and the angle over the size of
+    its rotations; 0 is perfect, 1 is no agreement at all.
+    """
+
+    median_mm: float
+    median_deg: float
+    view_mm: Array
+    view_deg: Array
+    Z: Array
+    score: float
+
+
+def loop_errors(A: ArrayLike, B: ArrayLike, X: ArrayLike) -> LoopErrors:
+    """Spread of A_i X B_i about its mean: |t_i - t_mean| and the angle of R_i R_mean^T.
+
+    Args: A (n, 4, 4) and B (n, 4, 4) = T_camera_target in the normal form A_i X B_i = Z, metres; X (4, 4).
+    Raises: InputError for shapes that do not match, matrices that are not rigid, or no views.
+    """
+    return errors_of(pose_pairs(A, B), X)
+
+
+def errors_of(pairs: PosePairs, X: ArrayLike) -> LoopErrors:
+    """`loop_errors` of pairs that are checked already."""
+    Z_i = _loops(pairs, X)
+    Z = se3.mean(Z_i)
+    view_mm, view_deg = _distances(Z_i, Z)
+    return LoopErrors(_rms(view_mm), _rms(view_deg), view_mm, view_deg, Z)
+
+
+def loop_consistency(A: ArrayLike, B: ArrayLike, X: ArrayLike) -> LoopConsistency:
+    """Agreement of A_i X B_i by medians about a robust centre; see LoopConsistency. Args as for `loop_errors`.
+
+    The centre minimises the sum of distances, not of their squares (geometric median, L1 mean of rotations).
+    """
+    return consistency_of(pose_pairs(A, B), X)
+
+
+def consistency_of(pairs: PosePairs, X: ArrayLike) -> LoopConsistency:
+    """`loop_consistency` of pairs that are checked already."""
+    Z_i = _loops(pairs, X)
+    Z = _median_transform(Z_i)
+    view_mm, view_deg = _distances(Z_i, Z)
+    median_mm, median_deg = float(np.median(view_mm)), float(np.median(view_deg))
+    size_mm, size_deg = _motion_size(pairs)
+    score = max(_ratio(median_mm, size_mm), _ratio(median_deg, size_deg))
+    return LoopConsistency(median_mm, median_deg, view_mm, view_deg, Z, score)
+
+
+@lru_cache(maxsize=4)
+def _motion_size(pairs: PosePairs) -> tuple[float, float]:
+    """Millimetres and degrees: how far the poses lie from their centre, by the same measure as the loop.
+
+    Where the robot turns on the spot the target still sweeps past the camera, so the larger of both motions counts.
+    Asked for every method on the same pairs.
+    """
+    rows = sample(len(pairs), MOST_FOR_SIZE)
+    spread_a, spread_b = (_distances(T, _median_transform(T)) for T in (pairs.A[rows], pairs.B[rows]))
+    size_mm = max(float(np.median(spread_a[0])), float(np.median(spread_b[0])))
+    return size_mm, max(float(np.median(spread_a[1])), float(np.median(spread_b[1])))
+
+
+def _loops(pairs: PosePairs, X: ArrayLike) -> Array:
+    """A_i X B_i (n, 4, 4)."""
+    if len(pairs) == 0:
+        raise InputError("the loop A_i X B_i needs at least one view, got none")
+    return pairs.A @ se3.check(X, name="X") @ pairs.B
+
+
+def _distances(T: Array, centre: Array) -> tuple[Array, Array]:
+    """Millimetres and degrees of transforms (n, 4, 4) from `centre`."""
+    delta = se3.local(centre, T)
+    return 1e3 * np.linalg.norm(delta[:, 3:], axis=1), np.rad2deg(np.linalg.norm(delta[:, :3], axis=1))
+
+
+def _median_transform(T: Array) -> Array:
+    """Rotation and translation with the least sum of distances to T (n, 4, 4), each by Weiszfeld's iteration.
+
+    Weiszfeld 1937; on rotations Hartley, Aftab, Trumpf, "L1 rotation averaging using the Weiszfeld algorithm", 2011.
+    """
+    R = T[:, :3, :3]
+    # Start on the sample that is closest to the others (trace R_i^T R_j = 3 for equal rotations), so that a minority of
+    # rotations far off cannot pull the start into another basin.
+    flat, candidates = R.reshape(-1, 9), R[:: max(1, len(R) // START_CANDIDATES)]
+    distance = np.arccos(np.clip((candidates.reshape(-1, 9) @ flat.T - 1) / 2, -1, 1))
+    centre, t = candidates[int(np.argmin(distance.sum(axis=1)))], np.median(T[:, :3, 3], axis=0)
+    for _ in range(30):  # linear convergence
+        omega, delta = so3.log(R @ centre.T), T[:, :3, 3] - t
+        (turn, turn_settled), (move, move_settled) = _weiszfeld_step(omega), _weiszfeld_step(delta)
+        centre, t = so3.exp(turn) @ centre, t + move
+        if turn_settled and move_settled:
+            break
+    return se3.make(centre, t)
+
+
+def _weiszfeld_step(delta: Array) -> tuple[Array, bool]:
+    """Mean of vectors (n, 3) weighted by 1 / length, lengths below rounding taken as rounding; and whether it settles.
+
+    It does with a thousandth of the typical length: a median of n lengths is uncertain by far more.
+    """
+    length = np.sqrt(np.sum(delta * delta, axis=1))
+    weight = 1 / np.maximum(length, 1e-12)
+    step = (weight / weight.sum()) @ delta
+    return step, float(np.sqrt(step @ step)) <= 1e-3 * float(np.median(length))
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _ratio(spread: float, size: float) -> float:
+    """spread / size; 0 / 0 (nothing moves, nothing disagrees) is 0."""
+    return spread / size if size > 0 else (0.0 if spread == 0 else float("inf"))

@@ -1,0 +1,1 @@
+"""Closed-form starts, robust against wrong views."""

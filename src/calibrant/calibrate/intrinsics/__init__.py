@@ -1,0 +1,1 @@
+"""A camera from views of a target."""

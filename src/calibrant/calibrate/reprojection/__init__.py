@@ -1,0 +1,1 @@
+"""The reprojection factor and what surrounds it: links, kernels, outliers, weights, priors."""

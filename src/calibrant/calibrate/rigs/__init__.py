@@ -1,0 +1,1 @@
+"""Several cameras rigid to each other."""

@@ -1,0 +1,1 @@
+"""A tool's tip, by touch or by sight."""

@@ -1,0 +1,1 @@
+"""Compiled rows and rays of the camera models."""

@@ -1,0 +1,183 @@
+"""Finding grids of circles: spots, lattice, placement; then ellipses fitted at full size and moved to the true centres.
+
+Spots are looked for in a small picture first, then at full size where dots are missing. The dots of a lattice predict
+each other's centres, which leaves out what is none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from calibrant.detection.circles.centres import true_centres
+from calibrant.detection.circles.ellipse import refine_spots
+from calibrant.detection.circles.lattice import Lattice, grow_lattices
+from calibrant.detection.circles.placement import Placement, least_dots, place
+from calibrant.detection.circles.spots import Spots, find_spots
+from calibrant.detection.detection import Detection, Grey
+from calibrant.detection.local_homography import fit_local_maps
+from calibrant.detection.opencv import shrink
+from calibrant.errors import InputError
+from calibrant.targets.circles import Circles
+from calibrant.targets.target import Target
+
+Array = NDArray[np.float64]
+
+FIRST_LONGEST_PX = 640
+"""Longest side of the first scale: dots of a 20x20 grid that fills half of the picture still measure 8 px."""
+WINDOWS = (1 / 30, 1 / 10, 1 / 100, 1 / 4)
+BIG_DOT_WINDOWS = (1 / 15, 1 / 6, 1 / 40, 1 / 3)
+"""Windows of the threshold over the picture's longest side: a window must hold a dot, and not reach over the paper's
+edge more than it must; a big dot needs one about twice as wide. The likeliest first."""
+LEAST_CONTRAST = 3.0
+"""Half the difference of dot and paper, grey levels: three times the rounding of 8 bits."""
+MOST_MISFIT = 0.35
+"""Residuals of the ellipse's model over its contrast: noise of a sixth of the whole step; letters are worse."""
+CENTRE_SIGMA_PX = 0.1
+"""What fitted centres are trusted when they predict each other."""
+AGREEMENT_STEPS = 0.08
+"""A dot lies where those around it predict, in steps: a lens bends a grid by a hundredth between neighbours."""
+LEAST_LOOK = 12
+"""Dots that a grid of another size needs to be called one in a message: 4x3."""
+LEAST_FIT = 0.7
+"""Of the dots placed whose ellipses must fit: else it is a grid of something else."""
+
+
+class CirclesDetector:
+    """Finds grids of circles, whole or in part. Registered in `detection/registry.py`."""
+
+    def detect(self, grey: Grey, target: Target) -> Detection:
+        """The dots' centres in a grey image (h, w), with their standard deviations.
+
+        Raises: InputError when the target is not a grid of circles.
+        """
+        if not isinstance(target, Circles):
+            raise InputError(f"the detector of circles was given a target of kind {target.kind!r}")
+        seen: list[tuple[int, int]] = []
+        for negative in (target.inverted, not target.inverted):
+            picture = np.asarray(255 - grey, np.uint8) if negative else grey
+            # A wrong colour in the spec is looked for with the likeliest windows alone.
+            windows: tuple[float, ...] = BIG_DOT_WINDOWS if target.bigdot else WINDOWS
+            windows = windows if negative == target.inverted else windows[:2]
+            best: Detection | None = None
+            first = max(1, round(max(grey.shape) / FIRST_LONGEST_PX))
+            for factor in dict.fromkeys((first, 1)):
+                detection = _at_scale(picture, target, factor, windows, seen, darkness=255.0 if negative else 0.0)
+                if detection is not None and (best is None or len(detection.uv) > len(best.uv)):
+                    best = detection
+                # Dots that are too small for one scale may show at the next.
+                if best is not None and len(best.uv) == len(target.points):
+                    break
+            if best is not None:
+                return _with_notes(best, target, negative=negative)
+        return _not_found(seen, target)
+
+
+def _at_scale(
+    picture: Grey,
+    target: Circles,
+    factor: int,
+    windows: tuple[float, ...],
+    seen: list[tuple[int, int]],
+    *,
+    darkness: float,
+) -> Detection | None:
+    """Dots found in the picture made smaller by `factor`, by windows of one size after the other.
+
+    Args: seen: gets columns and rows of other grids; darkness: grey value where no light falls.
+    """
+    level = np.ascontiguousarray(shrink(picture, factor))
+    without_origin: Detection | None = None
+    for part in windows:
+        spots = find_spots(level, window_px=max(9, round(part * max(level.shape)))).scaled(factor)
+        for lattice in grow_lattices(spots, with_big=target.bigdot):
+            placement = place(target, lattice, spots.uv[lattice.spots], (picture.shape[1], picture.shape[0]))
+            if isinstance(placement, str):
+                seen += _size(lattice, target)
+                continue
+            detection = _measured(picture, target, spots, lattice, placement, darkness=darkness)
+            if not detection.found:
+                continue
+            if not target.bigdot or detection.point_ids[0] == target.point_ids[0]:
+                return detection
+            # A window too small for the big dot leaves it out; another may show it.
+            without_origin = without_origin or detection
+    return without_origin
+
+
+def _size(lattice: Lattice, target: Circles) -> list[tuple[int, int]]:
+    """Columns and rows of a lattice that is full enough to be called a grid."""
+    if target.asymmetric or len(lattice) < LEAST_LOOK:
+        return []
+    columns, rows = (int(n) + 1 for n in np.ptp(lattice.cells, axis=0))
+    return [(columns, rows)] if len(lattice) >= 0.9 * columns * rows and min(columns, rows) > 2 else []
+
+
+def _measured(
+    grey: Grey, target: Circles, spots: Spots, lattice: Lattice, placement: Placement, *, darkness: float
+) -> Detection:
+    order = np.argsort(placement.index)
+    order = order[placement.index[order] >= 0]
+    index, chosen = placement.index[order], lattice.spots[order]
+    rough = Spots(spots.uv[chosen], spots.shape[chosen], spots.area[chosen])
+    ellipses = refine_spots(grey, rough, room=_room(spots, chosen), darkness=darkness)
+    good = (
+        np.isfinite(ellipses.sigma_px)
+        & (ellipses.contrast > LEAST_CONTRAST)
+        & (ellipses.noise < MOST_MISFIT * ellipses.contrast)
+    )
+    steps = target.steps[index].astype(np.float64)
+    while good.sum() >= max(least_dots(target), LEAST_FIT * len(index)):
+        maps = fit_local_maps(steps, steps[good], ellipses.uv[good], np.full(int(good.sum()), CENTRE_SIGMA_PX))
+        # The maps predict where neighbours' ellipses put this one's centre; both are moved alike.
+        error = np.linalg.norm(maps.centres - ellipses.uv, axis=1) / maps.square_px
+        excess = np.where(maps.determined & good, error / np.maximum(AGREEMENT_STEPS, 1.0 / maps.square_px), 0.0)
+        if excess.max() <= 1.0:
+            uv = true_centres(steps[good], ellipses.uv[good], ellipses.shape[good])
+            return Detection(target.point_ids[index[good]], uv, ellipses.sigma_px[good])
+        good &= excess < max(1.0, 0.7 * excess.max())
+    return Detection.nothing("a grid of spots was seen, but they are not round enough, or too blurred, to be dots")
+
+
+def _room(spots: Spots, chosen: NDArray[np.int64]) -> Array:
+    """How far each dot's window may reach, in half axes: halfway to the outline of the nearest spots."""
+    near = np.asarray(cKDTree(spots.uv).query(spots.uv[chosen], k=min(7, len(spots)))[1])[:, 1:]
+    offset = spots.uv[near] - spots.uv[chosen][:, None]
+    away = np.sqrt(np.einsum("nki,nij,nkj->nk", offset, np.linalg.inv(spots.shape[chosen]), offset))
+    other = np.sqrt(spots.area[near] / spots.area[chosen][:, None])
+    # Specks inside the dot itself are no neighbours.
+    gap = np.where(away > 1.0, 1.0 + 0.5 * (away - 1.0 - other), np.inf)
+    return np.maximum(gap.min(axis=1), 1.2)
+
+
+def _with_notes(detection: Detection, target: Circles, *, negative: bool) -> Detection:
+    notes = []
+    if negative != target.inverted:
+        colours = "light dots on a dark ground: add :inverted" if negative else "dark dots: leave :inverted out"
+        notes.append(f"The grid has {colours} in the spec to say so.")
+    if target.turns_unnoticed_deg is not None:
+        notes.append(
+            f"A grid of {target.columns}x{target.rows} circles looks the same turned by {target.turns_unnoticed_deg}°: "
+            "circles are numbered with x running right or down in the image. hand-eye tells by the robot's motion "
+            "which way it is; elsewhere keep its turn about the viewing direction within ±45° of upright in all views, "
+            "or use one with a big dot, or an asymmetric one of odd rows."
+        )
+    return replace(detection, notes=tuple(notes))
+
+
+def _not_found(seen: list[tuple[int, int]], target: Circles) -> Detection:
+    asked = f"{target.columns}x{target.rows}"
+    if not seen:
+        return Detection.nothing(f"no grid of {asked} circles was found")
+    columns, rows = max(seen, key=lambda s: s[0] * s[1])
+    if (rows > columns) != (target.rows > target.columns):
+        rows, columns = columns, rows
+    if (columns, rows) == (target.columns, target.rows):
+        return Detection.nothing(
+            "a grid of circles was seen, but which dot is which cannot be told: show its origin, or all of its sides"
+        )
+    size = f"{columns}x{rows} circles"
+    return Detection.nothing(f"the image looks like {size}, you asked for {asked}", looks_like=size)

@@ -1,0 +1,1 @@
+"""Photos, videos and live cameras, and what is kept of them."""

@@ -1,0 +1,170 @@
+"""Read images upright, in grey or as they are, and lists of images from names, patterns and folders."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from glob import glob, has_magic
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.detection.images import header as image_header
+from calibrant.detection.images.video import frame_of, frames, read_frame, video_of
+from calibrant.errors import InputError
+
+EXTENSIONS = (
+    *(".png", ".jpg", ".jpeg", ".jpe", ".bmp", ".dib", ".tif", ".tiff", ".webp", ".jp2"),
+    *(".pbm", ".pgm", ".ppm", ".pnm", ".sr", ".ras", ".gif"),
+)
+"""What a folder is searched for; a file that is named is read whatever its name."""
+_SUN_RASTER = b"\x59\xa6\x6a\x95"
+
+
+def expand(paths: Iterable[str | Path] | str | Path) -> list[Path]:
+    """Image files of names, patterns (`images/*.png`), folders and videos, in the order given, numbers by value.
+
+    A video stands for its frames, video.mp4@5 for the sharpest of every five.
+    A file that is named twice is taken once.
+    Raises: InputError naming the file, pattern or folder that gives no image.
+    """
+    files: list[Path] = []
+    for item in [paths] if isinstance(paths, str | Path) else paths:
+        files += _expand_one(Path(item).expanduser())
+    if not files:
+        raise InputError("no images were given; name image files, a pattern such as 'images/*.png', or a folder")
+    unique = {file.resolve(): file for file in reversed(files)}
+    return [file for file in dict.fromkeys(files) if unique[file.resolve()] is file]
+
+
+def natural_key(path: Path) -> list[tuple[int, int, str]]:
+    """Sorts 2.png before 10.png."""
+    parts = re.split(r"(\d+)", str(path))
+    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in parts]
+
+
+def _expand_one(path: Path) -> list[Path]:
+    if path.is_dir():
+        inside = [p for p in path.iterdir() if p.suffix.lower() in EXTENSIONS and p.is_file()]
+        if not inside:
+            raise InputError(f"the folder {path} holds no images; looked for {', '.join(EXTENSIONS)}")
+        return sorted(inside, key=natural_key)
+    video = video_of(path)
+    if video is not None:
+        return frames(*video)
+    if path.exists() or frame_of(path) is not None:
+        return [path]
+    if has_magic(str(path)):
+        matches = [Path(p) for p in glob(str(path), recursive=True)]
+        found = [p for p in matches if p.is_file()]
+        if not found:
+            raise InputError(f"no file matches {path}")
+        return [file for match in sorted(found, key=natural_key) for file in _expand_one(match)]
+    raise InputError(f"image {path} does not exist")
+
+
+def load_grey(path: str | Path) -> NDArray[np.uint8]:
+    """An image as grey levels (h, w), 8 bits, turned upright as its EXIF data say.
+
+    Images of more than 8 bits are divided by the power of two that fits their brightest pixel into 8 bits, so that 10,
+    12 and 14 bits in 16 keep their contrast.
+    Raises: InputError when the file is missing, empty, cut off, animated, or no image.
+    """
+    path = Path(path)
+    frame = frame_of(path)
+    if frame is not None:
+        return to_grey8(read_frame(*frame))
+    data = _bytes_of(path)
+    image = _decoded(path, data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
+    if image is None:
+        # Colour in floating point, for one, has no grey form in the decoder.
+        image = _decoded(path, data, cv2.IMREAD_UNCHANGED)
+    return to_grey8(_upright(path, data, image))
+
+
+def load_image(path: str | Path) -> NDArray[Any]:
+    """An image as it is stored, (h, w) grey or (h, w, 3 or 4) BGR with alpha, 8, 16 or 32 bits, turned upright.
+
+    Raises: as `load_grey`.
+    """
+    path = Path(path)
+    frame = frame_of(path)
+    if frame is not None:
+        return read_frame(*frame)
+    data = _bytes_of(path)
+    return _upright(path, data, _decoded(path, data, cv2.IMREAD_UNCHANGED))
+
+
+def orientation_of(path: str | Path) -> int:
+    """EXIF's orientation 1 to 8 of an image file, by which the other functions turn it; 1 for a video's frame.
+
+    Raises: InputError when the file cannot be read.
+    """
+    path = Path(path)
+    return image_header.UPRIGHT if frame_of(path) is not None else image_header.orientation(_bytes_of(path))
+
+
+def _bytes_of(path: Path) -> bytes:
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"image {path} does not exist") from None
+    except OSError as error:
+        raise InputError(f"image {path} cannot be read: {error.strerror or error}") from None
+    if not data:
+        raise InputError(f"image {path} is empty (0 bytes)")
+    if image_header.is_cut_off(data):
+        raise InputError(f"image {path} is cut off: its {len(data)} bytes end before the picture does; copy it again")
+    count = image_header.pictures(data)
+    if count > 1:
+        raise InputError(
+            f"image {path} holds {count} pictures (an animation, or pages); expected one a file: save each on its own, "
+            "or all as a video"
+        )
+    return data
+
+
+def _decoded(path: Path, data: bytes, flags: int) -> NDArray[Any] | None:
+    """The pixels, or None where the decoder has no such form. Raises: InputError for what it cannot read at all."""
+    if data[:4] == _SUN_RASTER:
+        # OpenCV 4.13 and before give a grey raster without a palette as all black, except in colour.
+        flags = cv2.IMREAD_COLOR
+    try:
+        return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except cv2.error as error:
+        raise InputError(f"image {path} cannot be decoded: {error.err}") from None
+
+
+def _upright(path: Path, data: bytes, image: NDArray[Any] | None) -> NDArray[Any]:
+    if image is None or image.size == 0:
+        raise InputError(
+            f"{path} is not an image that can be read (its {len(data)} bytes are damaged or another format)"
+        )
+    return image_header.turned(image, image_header.orientation(data))
+
+
+def to_grey8(image: NDArray) -> NDArray[np.uint8]:
+    """Grey levels (h, w) in 8 bits of an image (h, w) or (h, w, 3 or 4) in BGR, of any depth."""
+    if image.ndim == 3:
+        channels = image.shape[2]
+        if channels == 1:
+            image = image[..., 0]
+        elif channels in (3, 4):
+            image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY if channels == 3 else cv2.COLOR_BGRA2GRAY)
+        else:
+            raise InputError(f"an image of {channels} channels is neither grey nor colour")
+    if image.ndim != 2:
+        raise InputError(f"expected an image of shape (h, w) or (h, w, channels), got {image.shape}")
+    if image.dtype == np.uint8:
+        return np.ascontiguousarray(image)
+    if image.dtype == np.bool_:
+        return image.astype(np.uint8) * np.uint8(255)
+    values = np.nan_to_num(image.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
+    brightest = float(values.max(initial=0.0))
+    if brightest <= 0:
+        return np.zeros(image.shape, np.uint8)
+    full = 2.0 ** np.ceil(np.log2(brightest + 1.0)) if np.issubdtype(image.dtype, np.integer) else brightest * 256 / 255
+    return np.clip(np.rint(values * (256.0 / full)), 0, 255).astype(np.uint8)

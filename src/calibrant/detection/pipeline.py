@@ -1,0 +1,218 @@
+"""From image files to observations: every image on its own, in this process or in any executor."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.data import DEFAULT_CAMERA, Missed, Observations, View
+from calibrant.data.file_names import distinct_names
+from calibrant.detection.detection import Detection
+from calibrant.detection.images.cache import Cache, key_of
+from calibrant.detection.images.header import UPRIGHT, WORDS
+from calibrant.detection.images.images import expand, load_grey, orientation_of
+from calibrant.detection.images.likeness import notes_on_likeness
+from calibrant.detection.registry import detector_for
+from calibrant.detection.subpixel.refinement import DEFAULT, Refinement
+from calibrant.errors import DetectionError, InputError
+from calibrant.executors import executor_for
+from calibrant.targets.registry import parse_target
+from calibrant.targets.target import Target
+
+Progress = Callable[[int, int, str], None]
+"""Called after each image with how many are done, how many there are, and the file's name."""
+
+MOST_TOGETHER, LEAST_TASKS = 8, 30
+"""Images handed to a process at once: handing over costs as much as a tenth of a small image. With so many tasks at
+least, none waits long for another at the end."""
+MIRRORED_LOOKS = 3
+"""Images that are tried in the mirror when none shows the target: a camera mirrors all or none."""
+
+
+@dataclass(frozen=True)
+class ImageDetection:
+    """What one file gave: size (width, height), or None and the reason in `detection` when it could not be read;
+    orientation: EXIF's, 1 to 8."""
+
+    file: Path
+    size: tuple[int, int] | None
+    detection: Detection
+    orientation: int = UPRIGHT
+
+
+def detect(
+    images: str | Path | Iterable[str | Path],
+    *,
+    target: Target | str,
+    workers: int | str | Executor | None = None,
+    mirror_x: bool = False,
+    camera: str = DEFAULT_CAMERA,
+    cache: str | Path | None = None,
+    refinement: Refinement = DEFAULT,
+    progress: Progress | None = None,
+) -> Observations:
+    """The target in every image.
+
+    Args: images: files, patterns, folders, videos; target: a target, or its spec; workers: how many processes, a Dask
+    scheduler's address, or an executor to use (None: two where the images are many); mirror_x: images are flipped left
+    to right before anything else, for cameras that deliver mirror images, and pixels are those of the flipped image;
+    cache: a folder that keeps what was detected, so that the same images are not searched again; refinement: how
+    the corners of chessboards and ChArUco boards are measured; progress: called after each image.
+    An image that cannot be read or does not show the target is listed in `missed` with the reason.
+    Raises: InputError when no image is given, none can be read, or sizes differ; DetectionError when no image shows the
+    target.
+    """
+    wanted = parse_target(target) if isinstance(target, str) else target
+    detector_for(wanted.kind, refinement)  # options that do not go together are said before anything is read
+    files = expand(images)
+    kept = None if cache is None else Cache.at(cache)
+    done = []
+    for result in _run(workers, files, wanted, mirror_x, kept, refinement):
+        done.append(result)
+        if progress is not None:
+            progress(len(done), len(files), result.file.name)
+    position = {file: i for i, file in enumerate(files)}
+    done.sort(key=lambda d: position[d.file])
+    size = _common_size(done)
+    found = [d for d in done if d.detection.found]
+    if not found:
+        readable = [d for d in done if d.size is not None]
+        mirrored = _found_mirrored([d.file for d in readable], wanted, mirror_x)
+        raise DetectionError(_why_none(readable, wanted, len(done)) + mirrored)
+    names = distinct_names([d.file for d in done])
+    points, row_of = wanted.points, {int(label): row for row, label in enumerate(wanted.point_ids)}
+    views = tuple(_view(d, names[d.file], points, row_of, camera) for d in found)
+    notes = [*notes_on_orientation([d.orientation for d in done if d.size is not None])]
+    notes += [note for d in done for note in d.detection.notes]
+    return Observations(
+        views=views,
+        image_sizes={camera: size},
+        target=wanted.spec,
+        missed=tuple(
+            Missed(names[d.file], d.detection.reason or "", camera, str(d.file)) for d in done if not d.detection.found
+        ),
+        notes=tuple(dict.fromkeys([*notes, *notes_on_likeness(views, size[0])])),
+    )
+
+
+def detect_file(file: Path, target: Target, mirror_x: bool, refinement: Refinement = DEFAULT) -> ImageDetection:
+    """The target in one file; a file that cannot be read gives the reason, not an error."""
+    # One image is one task: OpenCV's own threads would compete with the other processes.
+    cv2.setNumThreads(1)
+    try:
+        grey = load_grey(file)
+    except InputError as error:
+        return ImageDetection(file, None, Detection.nothing(str(error)))
+    if mirror_x:
+        grey = np.ascontiguousarray(grey[:, ::-1])
+    h, w = grey.shape
+    detection = detector_for(target.kind, refinement).detect(grey, target)
+    return ImageDetection(file, (w, h), detection, orientation_of(file))
+
+
+def notes_on_orientation(orientations: Sequence[int]) -> list[str]:
+    """What EXIF did to the images, where it turned any: the camera's axes are then those of the turned images."""
+    asked = Counter(orientations)
+    if set(asked) <= {UPRIGHT}:
+        return []
+    each = [f"{count} {WORDS[o]}" for o, count in sorted(asked.items()) if o != UPRIGHT]
+    text = f"Images turned upright as their EXIF data say: {', '.join(each)}, of {len(orientations)}."
+    if len(asked) > 1:
+        text += (
+            " A camera that was held in different ways has its axes and its principal point at different places of the "
+            "images: calibrate them apart, or remove the orientation from the files."
+        )
+    return [text]
+
+
+def _run(
+    workers: int | str | Executor | None,
+    files: Sequence[Path],
+    target: Target,
+    mirror_x: bool,
+    cache: Cache | None,
+    refinement: Refinement,
+) -> Iterator[ImageDetection]:
+    """Every file's detection: first those that are kept already, then the others as they are done, in order."""
+    keys: dict[Path, str] = {}
+    todo = []
+    for file in files:
+        key = None if cache is None else key_of(file, target, mirror_x, refinement)
+        known = None if cache is None or key is None else cache.get(key)
+        if known is not None:
+            yield ImageDetection(file, *known, orientation_of(file))
+            continue
+        todo.append(file)
+        if key is not None:
+            keys[file] = key
+    with executor_for(workers, len(todo)) as executor:
+        # Lists, not endless repeats: Dask's executor asks for their lengths.
+        tasks = (todo, [target] * len(todo), [mirror_x] * len(todo), [refinement] * len(todo))
+        if executor is None:
+            results: Iterator[ImageDetection] = map(detect_file, *tasks)
+        else:
+            together = max(1, min(MOST_TOGETHER, len(todo) // LEAST_TASKS))
+            results = executor.map(detect_file, *tasks, chunksize=together)
+        for result in results:
+            if cache is not None and result.size is not None and result.file in keys:
+                cache.put(keys[result.file], result.size, result.detection)
+            yield result
+
+
+def _found_mirrored(files: Sequence[Path], target: Target, mirror_x: bool) -> str:
+    """A sentence to add where the first images show the target in the mirror."""
+    looks = [detect_file(file, target, not mirror_x) for file in files[:MIRRORED_LOOKS]]
+    if not any(d.detection.found for d in looks):
+        return ""
+    return "; it is seen in the mirror image: " + ("leave --mirror-x out" if mirror_x else "give --mirror-x")
+
+
+def _common_size(done: Sequence[ImageDetection]) -> tuple[int, int]:
+    first = next((d for d in done if d.size is not None), None)
+    if first is None or first.size is None:
+        reasons = "; ".join(d.detection.reason or "" for d in done[:3])
+        raise InputError(f"none of {len(done)} images can be read: {reasons}")
+    for other in done:
+        if other.size is not None and other.size != first.size:
+            raise InputError(
+                f"images of two sizes: {first.file.name} is {first.size[0]}x{first.size[1]}, {other.file.name} is "
+                f"{other.size[0]}x{other.size[1]}; one camera takes images of one size: leave out the others"
+            )
+    return first.size
+
+
+def _why_none(readable: Sequence[ImageDetection], target: Target, count: int) -> str:
+    looks = Counter(d.detection.looks_like for d in readable if d.detection.looks_like)
+    head = f"0 of {count} boards found"
+    if looks:
+        seen = looks.most_common(1)[0][0]
+        # Where it is the size that differs, the rest of the spec would hide it.
+        asked = target.spec.split(":")[1] if seen[0].isdigit() else target.spec
+        return f"{head}; the images look like {seen}, you asked for {asked}"
+    reason, times = Counter(d.detection.reason for d in readable).most_common(1)[0]
+    where = "every image" if times == count else f"{times} of the images"
+    return f"{head}; {where}: {reason}"
+
+
+def _view(
+    result: ImageDetection, name: str, points: NDArray[np.float64], row_of: Mapping[int, int], camera: str
+) -> View:
+    """The view of a file. Args: points (n, 3), metres, of the whole target; row_of: the row of each label in them."""
+    detection = result.detection
+    rows = [row_of[label] for label in detection.point_ids.tolist()]
+    return View(
+        id=name,
+        points=points[rows],
+        uv=detection.uv,
+        point_ids=detection.point_ids,
+        camera=camera,
+        sigma_px=detection.sigma_px,
+        file=str(result.file),
+    )

@@ -1,0 +1,41 @@
+"""Which detector finds which kind of target: one line each, imported when first asked for."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+from calibrant.detection.detection import Detector
+from calibrant.detection.subpixel.refinement import DEFAULT, Refinement
+from calibrant.errors import InputError
+
+DETECTORS = {
+    "chessboard": "calibrant.detection.chessboard.detector:ChessboardDetector",
+    "charuco": "calibrant.detection.charuco.detector:CharucoDetector",
+    "circles": "calibrant.detection.circles.detector:CirclesDetector",
+    "aprilgrid": "calibrant.detection.tags.aprilgrid:AprilGridDetector",
+    "marker": "calibrant.detection.tags.detector:TagDetector",
+    "bundle": "calibrant.detection.tags.detector:TagDetector",
+}
+
+
+REFINED = ("chessboard", "charuco")
+"""Kinds whose corners can be measured by several methods."""
+
+
+def detector_for(kind: str, refinement: Refinement = DEFAULT) -> Detector:
+    """The detector of a kind of target.
+
+    Args: refinement: how the corners of chessboards and ChArUco boards are measured.
+    Raises: InputError listing the kinds that can be detected, or for a refinement of a kind that has no choice of them.
+    """
+    if kind not in DETECTORS:
+        raise InputError(f"no detector for targets of kind {kind!r}; there are detectors for: {', '.join(DETECTORS)}")
+    module, name = DETECTORS[kind].split(":")
+    if refinement != DEFAULT and kind not in REFINED:
+        raise InputError(
+            f"--refine, --window and --zero-zone are for the corners of {' and '.join(REFINED)} targets; the points of "
+            f"{kind} are measured in their own way: leave the options out"
+        )
+    found = getattr(import_module(module), name)
+    detector: Detector = found(refinement) if kind in REFINED else found()
+    return detector

@@ -1,0 +1,1 @@
+"""Where exactly a corner is, and how certain."""

@@ -1,0 +1,1 @@
+"""Coded markers and grids of them."""

@@ -1,0 +1,1 @@
+"""What the result's errors come to where the tool works."""

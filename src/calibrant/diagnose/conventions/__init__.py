@@ -1,0 +1,1 @@
+"""How poses are written, decided from the data."""

@@ -1,0 +1,1 @@
+"""Robot poses in any notation."""

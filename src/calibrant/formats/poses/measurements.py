@@ -1,0 +1,100 @@
+"""Measurements for kinematic calibration: joint values and the measured pose or position, in one table.
+
+Any file that poses are read from will do, with joints beside the pose: columns q1 … qn, or the joints' names, or a list
+under `joints`. Without a rotation the positions stand alone, as a laser tracker gives them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.data.joint_measurements import JointMeasurements
+from calibrant.errors import InputError
+from calibrant.formats.poses.columns import LENGTH_UNITS, has_rotation, position_columns
+from calibrant.formats.poses.joint_columns import (
+    JointColumns,
+    find_joints,
+    joint_values,
+    joints_of_robot,
+    names_of,
+    without,
+)
+from calibrant.formats.poses.makers import merged, robot_format
+from calibrant.formats.poses.raw import PoseOptions
+from calibrant.formats.poses.read import read_table, refuse_ambiguous
+from calibrant.formats.poses.readings import options, readings
+from calibrant.formats.poses.rows import PoseTable, numbers_of, raw_poses
+from calibrant.robots.chain import KinematicChain
+
+_FARTHEST_M = 50.0
+"""A tool is measured within this distance; numbers beyond it are millimetres."""
+
+
+def read_measurements(
+    paths: str | Path | Iterable[str | Path],
+    *,
+    robot: KinematicChain | None = None,
+    units: str = "auto",
+    rotation: str = "auto",
+    angle: str = "auto",
+    direction: str = "auto",
+    joint_angle: str = "auto",
+    maker: str | None = None,
+) -> JointMeasurements:
+    """Joint values and measured tool poses (T_world_tool) or positions of one file, or one file a measurement.
+
+    Args: robot, whose joints the columns are; without it they are numbered ones. Options as for `read_poses`.
+    Raises: InputError naming the file: no joints, unknown ones, limits passed, poses that can be read in several ways.
+    """
+    asked = options(units=units, rotation=rotation, angle=angle, direction=direction)
+    table, _ = read_table(paths)
+    if maker is not None:
+        asked = merged(asked, robot_format(maker))
+    columns = _joints(table, robot)
+    q, words = joint_values(table, columns, robot, angle=joint_angle)
+    names = tuple(j.name for j in robot.joints) if robot is not None else columns.names
+    rest = without(table, columns)
+    ids = names_of(table) or tuple(str(i) for i in range(len(table.rows)))
+    if has_rotation(rest.header):
+        raw = replace(raw_poses(rest), options=asked)
+        refuse_ambiguous(raw)
+        reading = readings(raw)[0]
+        T = reading.T_base_gripper
+        source = f"{table.source}: {words}; {reading.description}"
+        return JointMeasurements(ids, q, T[:, :3, 3], T[:, :3, :3], names, source)
+    positions, unit = _positions(rest, asked)
+    source = f"{table.source}: {words}; positions in {unit}"
+    return JointMeasurements(ids, q, positions * LENGTH_UNITS[unit], None, names, source)
+
+
+def _joints(table: PoseTable, robot: KinematicChain | None) -> JointColumns:
+    try:
+        if robot is not None:
+            return joints_of_robot(table.header, robot)
+        found = find_joints(table.header)
+    except InputError as error:
+        raise InputError(f"{table.source}: {error}") from error
+    if found is None:
+        raise InputError(
+            f"{table.source}: no joint values; expected columns q1, q2 … or a list under 'joints' beside the measured "
+            f"pose; found {', '.join(repr(c.strip()) for c in table.header)}"
+        )
+    return found
+
+
+def _positions(table: PoseTable, asked: PoseOptions) -> tuple[NDArray[np.float64], str]:
+    try:
+        columns, stated = position_columns(table.header)
+    except InputError as error:
+        raise InputError(f"{table.source}: {error}") from error
+    positions = numbers_of(table, columns)
+    if asked.units != "auto":
+        return positions, asked.units
+    if stated is not None:
+        return positions, stated
+    return positions, "m" if abs(positions).max() <= _FARTHEST_M else "mm"

@@ -1,0 +1,171 @@
+"""Where the target is by two ways: as the camera sees it, and as the robot carries it; by view, for hand-eye results.
+
+Eye-in-hand: T_base_target is T_base_gripper T_gripper_camera T_camera_target by the camera, and the result's constant
+by the robot. Eye-to-hand: T_base_camera T_camera_target by the camera, T_base_gripper T_gripper_target by the robot.
+All stand in the base frame: the pairs lie on each other when all is well (document 003, figure 8.6).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.calibrate.hand_eye.cell.layout import Layout, Pictures
+from calibrant.calibrate.hand_eye.cell.stated import stated_layout
+from calibrant.data import CalibrationResult, TransformEstimate
+from calibrant.diagnose.residuals import seen_poses
+from calibrant.geometry import se3
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class LoopView:
+    """One robot pose: T_base_gripper, T_base_camera, the target by camera (when seen) and by robot, all in base.
+
+    mm is the distance of the target's centre by the two ways, deg the angle between them; None where it was not seen.
+    camera: its name; view: the id of its picture; in_hand: whether a robot carries it; target_carried: whether one
+    carries the target. Of several robots all stand in
+    the first one's base.
+    """
+
+    id: str
+    T_base_gripper: Array
+    T_base_camera: Array
+    T_base_target_by_robot: Array
+    T_base_target_by_camera: Array | None = None
+    mm: float | None = None
+    deg: float | None = None
+    camera: str = ""
+    view: str = ""
+    in_hand: bool = True
+    target_carried: bool = False
+
+    @property
+    def key(self) -> str:
+        """The view's key on the page."""
+        return f"{self.camera}/{self.view or self.id}"
+
+
+def loop_views(result: CalibrationResult) -> tuple[LoopView, ...]:
+    """The loop of every robot pose in order; empty for results without robot poses or hand-eye transforms.
+
+    The camera's pose of the target comes from its picture alone: a joint fit's would already lean on the robot.
+    """
+    layout = stated_layout(result, used_only=False)
+    if layout is not None:
+        return tuple(view for p in layout.pictures for view in _of_pictures(result, layout, p))
+    pair = hand_eye_pair(result)
+    if pair is None or result.robot_poses is None:
+        return ()
+    T_x_camera, T_x_target = pair
+    in_hand = T_x_camera.parent == "gripper"
+    seen, names = _seen_by_pose(result), _view_of_pose(result)
+    camera = next(iter(result.cameras), "")
+    centre = target_centre(result)
+    views = []
+    for name, T_base_gripper in zip(result.robot_poses.ids, result.robot_poses.T_base_gripper, strict=True):
+        T_base_camera = T_base_gripper @ T_x_camera.matrix if in_hand else T_x_camera.matrix
+        by_robot = T_x_target.matrix if in_hand else T_base_gripper @ T_x_target.matrix
+        step = _loop_view(name, T_base_gripper, T_base_camera, by_robot, seen.get(name), centre)
+        view = names.get(name, name)
+        views.append(replace(step, camera=camera, view=view, in_hand=in_hand, target_carried=not in_hand))
+    return tuple(views)
+
+
+def _of_pictures(result: CalibrationResult, layout: Layout, p: Pictures) -> list[LoopView]:
+    """The loop of one camera of several at one robot; none for a camera and a target that both stand still."""
+    if not p.movers or not p.observations.views:
+        return []
+    X = result.transform(layout.camera_parent(p), p.camera).matrix
+    Z = result.transform(layout.target_parent(p), layout.target(p)).matrix
+    camera, target = (_grippers(result, layout, robot) for robot in (p.camera_robot, p.target_robot))
+    hand = camera or target
+    seen = seen_poses(result)
+    centre = np.concatenate([v.points for v in p.observations.views]).mean(axis=0)
+    robot = "" if len(layout.robots) == 1 else f"{p.robot} "
+    out = []
+    for v in p.observations.views:
+        if v.moment not in hand:
+            continue
+        T_root_camera = camera[v.moment] @ X if camera else X
+        by_robot = target[v.moment] @ Z if target else Z
+        T = seen.get((v.camera, v.id))
+        step = _loop_view(f"{robot}{v.moment}", hand[v.moment], T_root_camera, by_robot, T, centre)
+        out.append(replace(step, camera=p.camera, view=v.id, in_hand=bool(camera), target_carried=bool(target)))
+    return out
+
+
+def _grippers(result: CalibrationResult, layout: Layout, robot: str | None) -> dict[str, Array]:
+    """T_root_gripper of a robot by its poses' ids; empty for no robot."""
+    if robot is None:
+        return {}
+    base, poses = layout.base(robot), layout.robots[robot]
+    T_root_base = np.eye(4) if base == layout.root else result.transform(layout.root, base).matrix
+    return dict(zip(poses.ids, T_root_base @ poses.T_base_gripper, strict=True))
+
+
+def _loop_view(
+    name: str,
+    T_base_gripper: Array,
+    T_base_camera: Array,
+    by_robot: Array,
+    T_camera_target: Array | None,
+    centre: Array,
+) -> LoopView:
+    if T_camera_target is None:
+        return LoopView(name, T_base_gripper, T_base_camera, by_robot)
+    by_camera = T_base_camera @ T_camera_target
+    mm = 1e3 * float(np.linalg.norm(se3.apply(by_camera, centre) - se3.apply(by_robot, centre)))
+    deg = float(np.rad2deg(np.linalg.norm(se3.local(by_robot, by_camera)[:3])))
+    return LoopView(name, T_base_gripper, T_base_camera, by_robot, by_camera, mm, deg)
+
+
+def by_view(loop: Sequence[LoopView]) -> dict[tuple[str, str], LoopView]:
+    """The loop by camera and view id; a pose without a view goes by its own name."""
+    return {(step.camera, step.view): step for step in loop}
+
+
+def hand_eye_pair(result: CalibrationResult) -> tuple[TransformEstimate, TransformEstimate] | None:
+    """X and Z of A X B = Z: gripper -> camera and base -> target, or base -> camera and gripper -> target, or None."""
+    for X in result.transforms:
+        other = {"gripper": "base", "base": "gripper"}.get(X.parent)
+        for Z in result.transforms:
+            if X.child in ("camera", *result.cameras) and (Z.parent, Z.child) == (other, "target"):
+                return X, Z
+    return None
+
+
+def target_centre(result: CalibrationResult) -> Array:
+    """Middle (3,) of all target points seen, metres, target frame; its origin when no points are known."""
+    corners = target_outline(result)
+    return np.zeros(3) if corners is None else corners.mean(axis=0)
+
+
+def target_outline(result: CalibrationResult) -> Array | None:
+    """Corners (4, 3) of the rectangle around all target points seen, metres, from the origin along x first."""
+    if result.observations is None or not result.observations.views:
+        return None
+    points = np.concatenate([view.points for view in result.observations.views])
+    (x0, y0, z0), (x1, y1, _) = points.min(axis=0), points.max(axis=0)
+    return np.array([[x0, y0, z0], [x1, y0, z0], [x1, y1, z0], [x0, y1, z0]])
+
+
+def _view_of_pose(result: CalibrationResult) -> dict[str, str]:
+    """View id by pose id: a view belongs to the robot pose of its moment."""
+    return {view.moment: view.id for view in (result.observations.views if result.observations else ())}
+
+
+def _seen_by_pose(result: CalibrationResult) -> dict[str, Array]:
+    if result.T_camera_target is not None and result.robot_poses is not None:
+        return dict(zip(result.robot_poses.ids, result.T_camera_target, strict=True))
+    poses = seen_poses(result)
+    names = set(result.robot_poses.ids) if result.robot_poses else set()
+    seen = {}
+    for view in result.observations.views if result.observations else ():
+        if (view.camera, view.id) in poses:
+            seen[view.moment if view.moment in names else view.id] = poses[view.camera, view.id]
+    return seen

@@ -1,0 +1,84 @@
+"""The views' pictures for the report: small JPEGs as data URIs, as many and as large as the file may hold."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.errors import InputError
+
+_MOST_PICTURES = 40
+"""Reading a picture takes some 20 ms: more than these would make a report slow to write."""
+_WIDTHS = (960, 720, 540, 400)
+_QUALITY = 72
+"""Corners stay clear under the residual arrows; higher only adds bytes."""
+
+
+def data_uris(files: Sequence[tuple[str, Path]], *, budget: int, mirror_x: bool) -> tuple[dict[str, str], str]:
+    """JPEG data URIs by view, and a sentence on what is missing (empty when nothing is).
+
+    Args: files, (view key, path) in order of importance; budget, bytes of all URIs together; mirror_x, whether the
+    observations were made on mirrored images.
+    """
+    chosen, images, missing = files[:_MOST_PICTURES], {}, []
+    for key, path in chosen:
+        image = _read(path)
+        if image is None:
+            missing.append(path.name)
+        else:
+            images[key] = image[:, ::-1] if mirror_x else image
+    encoded: dict[str, str] = {}
+    for width in _WIDTHS:
+        encoded = {key: _encode(image, width) for key, image in images.items()}
+        if sum(map(len, encoded.values())) <= budget:
+            break
+    kept = _within(encoded, budget)
+    return kept, _missing_sentence(missing, len(files) - len(missing) - len(kept))
+
+
+def _within(encoded: Mapping[str, str], budget: int) -> dict[str, str]:
+    kept, total = {}, 0
+    for key, uri in encoded.items():
+        total += len(uri)
+        if total > budget:
+            break
+        kept[key] = uri
+    return kept
+
+
+def _read(path: Path) -> NDArray[np.uint8] | None:
+    """The picture in grey, 8 bit; None when the file is gone or no picture: the report does without it and says so."""
+    from calibrant.detection.images.images import load_grey
+
+    try:
+        return np.asarray(load_grey(path), dtype=np.uint8)
+    except InputError:
+        return None
+
+
+def _encode(image: NDArray[np.uint8], width: int) -> str:
+    scale = min(1.0, width / image.shape[1])
+    size = (max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale)))
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA) if scale < 1 else np.ascontiguousarray(image)
+    jpeg = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1]
+    return "data:image/jpeg;base64," + base64.b64encode(jpeg.tobytes()).decode("ascii")
+
+
+def _missing_sentence(missing: Sequence[str], left_out: int) -> str:
+    parts = []
+    if missing:
+        names = ", ".join(missing[:3]) + (", …" if len(missing) > 3 else "")
+        many = (
+            "pictures could not be read where they were"
+            if len(missing) > 1
+            else "picture could not be read where it was"
+        )
+        parts.append(f"{len(missing)} {many} ({names})")
+    if left_out > 0:
+        parts.append(f"{left_out} more left out to keep this file small")
+    return f"{'; '.join(parts)}: those views are drawn on a blank frame." if parts else ""

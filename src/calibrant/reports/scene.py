@@ -1,0 +1,159 @@
+"""The 3D scene of a result: frames, cameras and targets in one world, for the page to draw.
+
+Hand-eye results stand in the robot's base, z up. Intrinsics stand in the camera's frame, y down. Poses are given as the
+twelve numbers of [R | t], row by row, metres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.calibrate.hand_eye.cell.layout import STANDING
+from calibrant.calibrate.hand_eye.cell.stated import stated_layout
+from calibrant.cameras import Camera
+from calibrant.data import CalibrationResult
+from calibrant.reports.loop import LoopView, target_outline
+
+Array = NDArray[np.float64]
+
+_DECIMALS = 7
+"""A tenth of a micrometre: differences stay smooth when the page magnifies them a hundredfold."""
+_MOST_POSES = 150
+"""More poses hide each other; every k-th is drawn then."""
+
+
+def scene(
+    result: CalibrationResult, poses: Mapping[tuple[str, str], Array], loop: tuple[LoopView, ...]
+) -> dict[str, Any] | None:
+    """Frames, cameras, boards and layers of the 3D view, or None when the result holds no pose to show.
+
+    Args: poses, T_camera_target by (camera, view id); loop, of a hand-eye result.
+    """
+    if loop:
+        return _hand_eye_scene(result, loop)
+    return _camera_scene(result, poses) if poses else None
+
+
+def _hand_eye_scene(result: CalibrationResult, loop: tuple[LoopView, ...]) -> dict[str, Any]:
+    drawn = loop[:: -(-len(loop) // _MOST_POSES)]
+    frames = [{"label": "base", "T": _flat(np.eye(4)), "layer": "base", "view": None}, *_other_bases(result)]
+    grippers = {v.id: v for v in drawn}
+    frames += [
+        {"label": f"gripper {v.id}", "T": _flat(v.T_base_gripper), "layer": "gripper", "view": v.key}
+        for v in grippers.values()
+    ]
+    robot, of = _boards_by_robot(drawn)
+    seen = [
+        {"T": _flat(v.T_base_target_by_camera), "view": v.key, "label": _label(result, v), "of": of[v.key]}
+        for v in drawn
+        if v.T_base_target_by_camera is not None
+    ]
+    stands, carried = any(not v.target_carried for v in loop), any(v.target_carried for v in loop)
+    words = ["it stands"] * stands + ["the robot carries it"] * carried
+    return {
+        "up": [0, 0, 1],
+        "frames": frames,
+        "cameras": _cameras(result, drawn),
+        "outline": _outline(result),
+        "boards": {"seen": seen, "robot": robot},
+        "layers": {
+            "base": "Robot base",
+            "gripper": "Gripper poses",
+            "camera": "Camera poses" if any(v.in_hand for v in loop) else "Camera",
+            "seen": "Target as the camera sees it" if len(result.cameras) < 2 else "Target as each camera sees it",
+            "robot": f"Target by the robot ({' or '.join(words)})",
+        },
+    }
+
+
+def _label(result: CalibrationResult, v: LoopView) -> str:
+    """A view for people: with its camera, where there are several."""
+    return v.view if len(result.cameras) < 2 else f"{v.camera}, {v.view}"
+
+
+def _other_bases(result: CalibrationResult) -> list[dict[str, Any]]:
+    layout = stated_layout(result)
+    bases = [] if layout is None else [layout.base(r) for r in layout.robots if layout.base(r) != layout.root]
+    root = "" if layout is None else layout.root
+    return [{"label": b, "T": _flat(result.transform(root, b).matrix), "layer": "base", "view": None} for b in bases]
+
+
+def _cameras(result: CalibrationResult, drawn: Sequence[LoopView]) -> list[dict[str, Any]]:
+    """A frustum a pose for cameras that are carried, one for each that stands still."""
+    out: list[dict[str, Any]] = []
+    still: dict[str, Array] = {}
+    for v in drawn:
+        if not v.in_hand:
+            still.setdefault(v.camera, v.T_base_camera)
+            continue
+        rays = _frustum(result.cameras.get(v.camera))
+        out.append({"label": f"camera {_label(result, v)}", "T": _flat(v.T_base_camera), "view": v.key, "rays": rays})
+    layout = stated_layout(result)
+    for p in layout.pictures if layout is not None else ():
+        if p.setup == STANDING and layout is not None:
+            still.setdefault(p.camera, result.transform(layout.root, p.camera).matrix)
+    out += [
+        {"label": name or "camera", "T": _flat(T), "view": None, "rays": _frustum(result.cameras.get(name))}
+        for name, T in still.items()
+    ]
+    return out
+
+
+def _boards_by_robot(drawn: Sequence[LoopView]) -> tuple[list[dict[str, Any]], dict[str, int]]:
+    """The targets by the robot: one for each that stands still, one a pose for those carried; and which of them belongs
+    to each view, by its key."""
+    boards: list[dict[str, Any]] = []
+    at: dict[tuple[object, ...], int] = {}
+    of = {}
+    for v in drawn:
+        T = _flat(v.T_base_target_by_robot)
+        place = tuple(T)
+        if place not in at:
+            at[place] = len(boards)
+            boards.append(
+                {"T": T, "view": v.key if v.target_carried else None, "label": v.id if v.target_carried else ""}
+            )
+        of[v.key] = at[place]
+    return boards, of
+
+
+def _camera_scene(result: CalibrationResult, poses: Mapping[tuple[str, str], Array]) -> dict[str, Any]:
+    names = list(poses)[:: -(-len(poses) // _MOST_POSES)]
+    rays = _frustum(next(iter(result.cameras.values()), None))
+    boards = [{"T": _flat(poses[k]), "view": f"{k[0]}/{k[1]}", "label": k[1], "of": None} for k in names]
+    return {
+        "up": [0, -1, 0],
+        "frames": [],
+        "cameras": [{"label": "camera", "T": _flat(np.eye(4)), "view": None, "rays": rays}],
+        "outline": _outline(result),
+        "boards": {"seen": boards, "robot": []},
+        "layers": {"camera": "Camera", "seen": "Target, one outline a view"},
+    }
+
+
+def _outline(result: CalibrationResult) -> list[list[float]]:
+    corners = target_outline(result)
+    if corners is None:
+        # Target poses were given without points: a 100 mm square stands for the target.
+        corners = 0.1 * np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    return np.round(corners, _DECIMALS).tolist()
+
+
+def _frustum(camera: Camera | None) -> list[list[float]]:
+    """Directions (4, 3) with z = 1 through the image's corners; 4:3 and 53 degrees wide without a camera."""
+    if camera is None:
+        return [[-0.5, -0.375, 1.0], [0.5, -0.375, 1.0], [0.5, 0.375, 1.0], [-0.5, 0.375, 1.0]]
+    width, height = camera.image_size
+    pixels = np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], dtype=np.float64)
+    rays = camera.unproject(pixels)
+    if not np.all(np.isfinite(rays)) or np.any(rays[:, 2] <= 1e-3):
+        rays = np.concatenate([pixels, np.ones((4, 1))], axis=1) @ np.linalg.inv(camera.K).T
+    return np.round(rays / rays[:, 2:], 4).tolist()
+
+
+def _flat(T: Array) -> list[float]:
+    return np.round(T[:3].ravel(), _DECIMALS).tolist()

@@ -1,0 +1,202 @@
+"""The summary of a result for a terminal: plain text first, colour only as a help.
+
+Every table fits 80 columns and uses the width there is; a status is always a word. Rich drops the colours by itself
+when the output is not a terminal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from rich.columns import Columns
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from calibrant.cameras import Camera
+from calibrant.data import DEFAULT_CAMERA, CalibrationResult, TransformEstimate
+from calibrant.reports.figures import (
+    Fact,
+    is_point,
+    listed_figures,
+    method_rows,
+    noise_facts,
+    quaternion_figures,
+    rows_name,
+    translation_figures,
+    yaw_pitch_roll_figures,
+)
+from calibrant.reports.loop import LoopView, by_view, loop_views
+from calibrant.reports.numbers import Figure, plain, sigma_text
+from calibrant.reports.words import (
+    STATUS_WORDS,
+    VERDICT_WORDS,
+    ViewRow,
+    sorted_checks,
+    title,
+    verdict_sentence,
+    view_rows,
+)
+
+_STATUS_STYLES = {"ok": "green", "warn": "yellow", "fail": "bold red"}
+_VERDICT_STYLES = {"ok": "bold green", "warn": "bold yellow", "refused": "bold red"}
+_VIEW_STYLES = {"used": "", "used, flagged": "yellow", "left out": "red"}
+_ALL_VIEWS_UP_TO = 40
+"""Longer lists scroll the verdict's reasons out of sight: then only views with a reason and the worst are shown."""
+_WORST_SHOWN = 5
+
+
+def summary(result: CalibrationResult) -> RenderableType:
+    """What a person wants to know after a calibration, the verdict last, where the eye is.
+
+    Args: result, of any kind; parts it does not have are left out. Returns: a rich renderable.
+    """
+    parts: list[RenderableType] = [_headed(title(result))]
+    if result.transforms:
+        parts.append(Columns([_transform_table(t) for t in result.transforms], padding=(0, 3)))
+    parts += [_camera_table(name, camera) for name, camera in result.cameras.items()]
+    facts = noise_facts(result)
+    if facts:
+        parts.append(_facts_table(facts))
+    if result.methods:
+        parts.append(_methods_table(result))
+    rows = view_rows(result)
+    if rows:
+        parts.append(_views(rows, by_view(loop_views(result)), name=rows_name(result)))
+    if result.checks:
+        parts.append(_checks_table(result))
+    return Group(*parts, _verdict(result))
+
+
+def _table(*, header: bool = True) -> Table:
+    return Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim", show_header=header)
+
+
+def _headed(heading: str, *parts: RenderableType) -> RenderableType:
+    # A heading of its own, not the table's title: that would wrap at the width of a narrow table.
+    return Group(Text(heading, style="bold"), *parts, Text())
+
+
+def _camera_table(name: str, camera: Camera) -> RenderableType:
+    width, height = camera.image_size
+    label = "" if name == DEFAULT_CAMERA else f" {name}"
+    table = _table()
+    table.add_column("parameter")
+    table.add_column("value", justify="right", no_wrap=True)
+    table.add_column("± 1σ", justify="right", no_wrap=True)
+    table.add_column("± 3σ", justify="right", no_wrap=True)
+    table.add_column("unit")
+    figures, others = listed_figures(camera)
+    for figure in figures:
+        unit = "" if figure.unit == "1" else figure.unit
+        three = "" if figure.fixed else figure.sigma_text(3)
+        table.add_row(figure.name, figure.value_text, figure.sigma_text(), three, unit)
+    more = [Text(others, style="dim")] if others else []
+    return _headed(f"Camera{label}: {camera.model.name}, {width} × {height} px", table, *more)
+
+
+def _transform_table(estimate: TransformEstimate) -> RenderableType:
+    heading = f"{estimate.parent} → {estimate.child} (T_{estimate.parent}_{estimate.child})"
+    table = _table()
+    table.add_column("")
+    table.add_column("value", justify="right", no_wrap=True)
+    table.add_column("± 1σ", justify="right", no_wrap=True)
+    table.add_column("unit")
+    groups: tuple[list[Figure], ...] = (translation_figures(estimate),)
+    if not is_point(estimate):
+        groups += (yaw_pitch_roll_figures(estimate), quaternion_figures(estimate))
+    for figures in groups:
+        for figure in figures:
+            unit = "" if figure.unit == "1" else figure.unit
+            table.add_row(figure.name, figure.value_text, figure.sigma_text(), unit)
+    turns = estimate.sigma_rotation_deg
+    if turns is None or is_point(estimate):
+        return _headed(heading, table)
+    about = ", ".join(sigma_text(float(s)) for s in turns)
+    return _headed(heading, table, Text(f"rotation 1σ about {estimate.parent} x, y, z: {about} deg", style="dim"))
+
+
+def _facts_table(facts: list[Fact]) -> RenderableType:
+    table = _table(header=False)
+    table.add_column(no_wrap=True)
+    table.add_column(no_wrap=True)
+    table.add_column(style="dim")
+    for fact in facts:
+        table.add_row(fact.name, fact.text, fact.note)
+    return _headed("Errors and noise", table)
+
+
+def _methods_table(result: CalibrationResult) -> RenderableType:
+    table = _table()
+    table.add_column("method", no_wrap=True)
+    for heading in ("loop mm", "loop deg", "from joint mm", "deg"):
+        table.add_column(heading, justify="right")
+    table.add_column("", overflow="fold")
+    for row in method_rows(result):
+        figures = (row.loop_mm, row.loop_deg, row.from_joint_mm, row.from_joint_deg)
+        table.add_row(row.name, *(_optional(f) for f in figures), Text(row.message))
+    return _headed("Methods: spread of the loop that should be constant, RMS", table)
+
+
+def _views(rows: list[ViewRow], loop: Mapping[tuple[str, str], LoopView], *, name: str) -> RenderableType:
+    """The rows' table; name: what they are, in the plural."""
+    used = [row for row in rows if row.used]
+    shown = _worth_a_look(rows, loop)
+    with_camera, with_rms = len({row.camera for row in rows}) > 1, any(row.rms_px is not None for row in rows)
+    table = _table()
+    if with_camera:
+        table.add_column("camera")
+    table.add_column(name.removesuffix("s"), overflow="fold", max_width=28)
+    headings = ["points", "RMS px"] * with_rms + ["loop mm", "loop deg"] * bool(loop)
+    for heading in headings:
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("", overflow="fold")
+    for row in shown:
+        cells: list[RenderableType] = [Text(row.camera)] if with_camera else []
+        cells.append(Text(row.id))
+        if with_rms:
+            points = str(row.points) if not row.points_left_out else f"{row.points} (−{row.points_left_out})"
+            cells += [points, _optional(row.rms_px)]
+        if loop:
+            step = loop.get((row.camera, row.id))
+            cells += [_optional(step.mm if step else None), _optional(step.deg if step else None)]
+        words = row.status if not row.reason else f"{row.status}: {row.reason}"
+        table.add_row(*cells, Text(words, style=_VIEW_STYLES[row.status]))
+    hidden = len(rows) - len(shown)
+    more = (
+        [Text(f"{hidden} more {name} used without remark; the report lists them all.", style="dim")] if hidden else []
+    )
+    return _headed(f"{name.capitalize()}: {len(used)} of {len(rows)} used", *([table] if shown else []), *more)
+
+
+def _worth_a_look(rows: list[ViewRow], loop: Mapping[tuple[str, str], LoopView]) -> list[ViewRow]:
+    """All rows, or of many those with a reason and the worst, by pixels where they are known, else by the loop."""
+    if len(rows) <= _ALL_VIEWS_UP_TO:
+        return rows
+
+    def badness(row: ViewRow) -> float:
+        step = loop.get((row.camera, row.id))
+        return row.rms_px if row.rms_px is not None else step.mm if step is not None and step.mm is not None else 0.0
+
+    worst = sorted((row for row in rows if row.used and badness(row) > 0), key=badness, reverse=True)[:_WORST_SHOWN]
+    return [row for row in rows if row.reason or row in worst]
+
+
+def _checks_table(result: CalibrationResult) -> RenderableType:
+    table = _table(header=False)
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold", max_width=24)
+    table.add_column("", overflow="fold")
+    for check in sorted_checks(result):
+        status = Text(STATUS_WORDS[check.status], style=_STATUS_STYLES[check.status])
+        table.add_row(status, Text(check.name), Text(check.message))
+    return _headed("Checks", table)
+
+
+def _verdict(result: CalibrationResult) -> Text:
+    style = _VERDICT_STYLES[result.verdict]
+    return Text.assemble((f"Verdict: {VERDICT_WORDS[result.verdict]}.", style), f" {verdict_sentence(result)}")
+
+
+def _optional(value: float | None) -> str:
+    return "–" if value is None else plain(value, digits=3)

@@ -1,0 +1,1 @@
+"""Floor 7: experiments as functions that return tables."""

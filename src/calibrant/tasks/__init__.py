@@ -1,0 +1,1 @@
+"""Floor 8: what every command does, without a terminal."""

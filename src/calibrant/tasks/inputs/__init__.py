@@ -1,0 +1,1 @@
+"""What tasks read: photos, points, poses, robots."""

@@ -1,0 +1,136 @@
+"""Where a command's observations come from: photos that it searches, or a file of points found before."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING
+
+from calibrant.cli import session
+from calibrant.errors import InputError
+
+if TYPE_CHECKING:
+    from calibrant.cameras import Camera
+    from calibrant.data import Observations
+    from calibrant.detection.subpixel.refinement import Refinement
+
+_LISTED = 6
+"""Names a message lists before it stops with an ellipsis."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """The arguments that say what is observed, as given."""
+
+    images: tuple[str, ...] = ()
+    target: str | None = None
+    observations: Path | None = None
+    exclude: tuple[str, ...] = ()
+    mirror_x: bool = False
+    workers: str | None = None
+    quiet: bool = False
+    cache: str | None = None
+    refinement: Refinement | None = None
+
+    def files(self) -> list[Path]:
+        """The photos, without those excluded; none when the points are read from a file.
+
+        Raises: InputError for arguments that contradict each other, no photos, names that are not there.
+        """
+        if self.observations is not None:
+            self._check_file_alone()
+            return []
+        if not self.images:
+            after = " (words after --exclude or --fix, up to the next option, are its values: put the images first)"
+            raise InputError(
+                "no images were given; name image files, a pattern such as 'images/*.png', a folder, or "
+                f"--observations FILE{after if self.exclude else ''}"
+            )
+        if self.target is None:
+            raise InputError("photos need the board they show: --target, such as chessboard:9x6:25mm")
+        from calibrant.detection.images.images import expand
+        from calibrant.targets.registry import parse_target
+
+        parse_target(self.target)  # a misspelt board is said before anything else is looked at
+        files = expand(list(self.images))
+        keep = kept([f.name for f in files], self.exclude, what="image")
+        return [f for f, k in zip(files, keep) if k]
+
+    def read(self, files: Sequence[Path]) -> Observations:
+        """The observations: of `files`, which `files()` gave, or of the file of points. Raises: InputError."""
+        if self.observations is None:
+            return session.detect_boards(
+                files,
+                self.target or "",
+                mirror_x=self.mirror_x,
+                workers=self.workers,
+                quiet=self.quiet,
+                cache=self.cache,
+                refinement=self.refinement,
+            )
+        from calibrant.data.result_file import read_observations
+
+        found = read_observations(self.observations)
+        if self.target is not None:
+            self._check_target(found)
+        names = [v.id for v in found.views] + [m.id for m in found.missed]
+        keep = dict(zip(names, kept(names, self.exclude, what="view")))
+        return replace(
+            found,
+            views=tuple(v for v in found.views if keep[v.id]),
+            missed=tuple(m for m in found.missed if keep[m.id]),
+        )
+
+    def look_again(self, found: Observations, camera: Camera) -> Observations:
+        """The observations with the corners of ChArUco boards that a known camera helps to find; only where photos are
+        at hand, and itself where none was found."""
+        if self.observations is not None:
+            return found
+        from calibrant.detection.charuco.second_look import look_again
+        from calibrant.detection.subpixel.refinement import DEFAULT
+
+        with session.status("Looking again, with the camera …", quiet=self.quiet):
+            return look_again(
+                found, camera, workers=self.workers, mirror_x=self.mirror_x, refinement=self.refinement or DEFAULT
+            )
+
+    def inputs(self, files: Sequence[Path]) -> list[Path]:
+        """Every file that was read."""
+        if self.observations is not None:
+            return [self.observations]
+        from calibrant.tasks.inputs.own_points import files_beside
+
+        return [*files, *files_beside(files, self.target)]
+
+    def _check_file_alone(self) -> None:
+        if self.images:
+            raise InputError("give photos or --observations FILE, not both")
+        if self.mirror_x:
+            raise InputError(
+                "--mirror-x flips photos; the points in --observations are taken as they are: leave it out"
+            )
+
+    def _check_target(self, found: Observations) -> None:
+        from calibrant.targets.registry import parse_target
+
+        asked = parse_target(self.target or "").spec
+        if found.target is not None and asked != found.target:
+            raise InputError(
+                f"{self.observations} holds points of {found.target}, --target says {asked}; leave --target out, or "
+                "detect again"
+            )
+
+
+def kept(names: Sequence[str], exclude: Sequence[str], *, what: str) -> list[bool]:
+    """Which names stay. Raises: InputError for a name to exclude that is not there, or when nothing stays."""
+    forms = [{name, PurePath(name).name, PurePath(name).stem} for name in names]
+    for wanted in exclude:
+        if not any(PurePath(wanted).name in form for form in forms):
+            listed = ", ".join(names[:_LISTED]) + (" …" if len(names) > _LISTED else "")
+            raise InputError(f"--exclude {wanted}: no {what} of that name; there are {listed}")
+    out = {PurePath(wanted).name for wanted in exclude}
+    keep = [not (form & out) for form in forms]
+    if not any(keep):
+        raise InputError(f"--exclude leaves out all of {len(names)} {what}s; nothing is left to calibrate from")
+    return keep

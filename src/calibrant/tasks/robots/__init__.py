@@ -1,0 +1,1 @@
+"""Tasks about robots and the cameras on them."""

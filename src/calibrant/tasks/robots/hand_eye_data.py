@@ -1,0 +1,256 @@
+"""What `hand-eye` and `doctor` both begin with: poses read and paired with photos or target poses, and the doctor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.cli import session
+from calibrant.errors import InputError, RefusedError
+from calibrant.tasks.inputs.robot_choice import RobotChoice
+from calibrant.tasks.inputs.sources import Source, kept
+
+if TYPE_CHECKING:
+    from calibrant.cameras import Camera
+    from calibrant.data import Missed, Observations, View
+    from calibrant.detection.subpixel.refinement import Refinement
+    from calibrant.diagnose.doctor.diagnosis import Diagnosis
+    from calibrant.diagnose.doctor.finding import Finding
+    from calibrant.formats.poses.read import PoseReading, RawPoses
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Request:
+    """The arguments that say what the data are, as given."""
+
+    poses: tuple[str, ...]
+    images: tuple[str, ...] = ()
+    target: str | None = None
+    observations: Path | None = None
+    target_poses: tuple[str, ...] = ()
+    target_rotation: str = "auto"
+    camera: Path | None = None
+    setup: str = "auto"
+    units: str = "auto"
+    rotation: str = "auto"
+    angle: str = "auto"
+    direction: str = "auto"
+    model: str = "brown"
+    fix: tuple[str, ...] = ()
+    mirror_x: bool = False
+    exclude: tuple[str, ...] = ()
+    workers: str | None = None
+    cache: str | None = None
+    quiet: bool = False
+    refinement: Refinement | None = None
+    arm: RobotChoice = field(default_factory=RobotChoice)
+
+    @property
+    def source(self) -> Source:
+        """Where the points come from."""
+        return Source(
+            self.images,
+            self.target,
+            self.observations,
+            self.exclude,
+            self.mirror_x,
+            self.workers,
+            self.quiet,
+            self.cache,
+            self.refinement,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class PairedData:
+    """Robot poses in every reading, in the order of the photos or target poses they are paired with.
+
+    observations with the camera that was given (or None), or T_camera_target (n, 4, 4); pairing: the rule in words;
+    files: everything that was read. raw: the poses as the file has them; pose_index: the row of each that is used.
+    target_reading: how the target poses were read, where that is not as their file says or would be taken to mean.
+    """
+
+    complete: tuple[PoseReading, ...]
+    pairing: str
+    files: tuple[str | Path, ...]
+    observations: Observations | None = None
+    camera: Camera | None = None
+    T_camera_target: Array | None = None
+    raw: RawPoses | None = None
+    pose_index: tuple[int, ...] = ()
+    target_reading: Finding | None = None
+
+
+def named_files(request: Request) -> list[str]:
+    """The files and folders named by the request, with what patterns of photos stand for."""
+    named = [*request.poses, *request.target_poses, *request.images, *request.arm.files]
+    named += [str(p) for p in (request.camera, request.observations) if p is not None]
+    return [*named, *(str(f) for f in (request.source.files() if request.images else []))]
+
+
+def read(request: Request) -> PairedData:
+    """Read, detect and pair. Raises: InputError as the parts do."""
+    from calibrant.formats.poses.read import read_poses
+
+    _check_setup(request.setup)
+    _check_inputs(request)
+    raw = read_poses(
+        list(request.poses),
+        units=request.units,
+        rotation=request.rotation,
+        angle=request.angle,
+        direction=request.direction,
+        robot=request.arm.chain(),
+        joint_angle=request.arm.joint_angle,
+        maker=request.arm.maker,
+    )
+    if request.images or request.observations is not None:
+        return _with_images(request, raw)
+    return _with_target_poses(request, raw)
+
+
+def diagnose(data: PairedData, request: Request) -> Diagnosis:
+    """What the doctor says of the data. Raises: RefusedError where the motions or the readings determine nothing."""
+    from calibrant.diagnose.doctor.diagnosis import diagnose_poses, diagnose_views
+
+    setup = request.setup
+    if data.observations is None:
+        B = np.asarray(data.T_camera_target)
+        found = diagnose_poses(data.complete, B, setup=setup)  # type: ignore[arg-type]
+        return found if data.target_reading is None else replace(found, findings=(*found.findings, data.target_reading))
+    observations, camera = _seen(data, request)
+    given = data.camera is not None
+    return diagnose_views(data.complete, observations, camera, setup=setup, camera_given=given)  # type: ignore[arg-type]
+
+
+def _seen(data: PairedData, request: Request) -> tuple[Observations, Camera]:
+    """The observations without points that do not belong, and the camera that saw them."""
+    from calibrant.calibrate.hand_eye.views import MINIMUM_POINTS
+    from calibrant.calibrate.intrinsics.calibrate import calibrate_keeping
+
+    observations = data.observations
+    if observations is None or not any(len(v) >= MINIMUM_POINTS for v in observations.views):
+        raise RefusedError(f"no photo shows {MINIMUM_POINTS} points of the board or more; nothing to calibrate from")
+    if data.camera is not None:
+        return observations, data.camera
+    found = calibrate_keeping(observations, model=request.model, fix=request.fix)
+    return replace(observations, views=found.views), found.result.camera
+
+
+def _check_setup(setup: str) -> None:
+    from calibrant.calibrate.solvers.setup import SETUPS
+
+    if setup not in ("auto", *SETUPS):
+        raise InputError(f"unknown setup {setup!r}; choose auto, {' or '.join(SETUPS)}")
+
+
+def _check_inputs(request: Request) -> None:
+    """Photos or pose pairs, and no option that goes with the other kind. Raises: InputError."""
+    if request.images or request.observations is not None:
+        if request.target_poses:
+            raise InputError("give photos (--images) or measured target poses (--target-poses), not both")
+        request.source.files()
+        return
+    if request.target is not None and not request.target_poses:
+        raise InputError("--target is given but no photos: name them with --images (or give --observations FILE)")
+    for option, given in (
+        ("--target", request.target),
+        ("--camera", request.camera),
+        ("--fix", request.fix),
+        ("--mirror-x", request.mirror_x),
+    ):
+        if given:
+            raise InputError(f"{option} goes with photos (--images); poses of the target are taken as they are")
+
+
+def _with_images(request: Request, raw: RawPoses) -> PairedData:
+    from calibrant.formats.cameras.read import read_camera
+    from calibrant.formats.poses.pairing import match_raw
+    from calibrant.formats.poses.read import readings
+
+    source = request.source
+    files = source.files()
+    # Photos are paired before they are searched: a pose that is missing is said at once.
+    early = match_raw(raw, [f.name for f in files]) if files else None
+    observations = source.read(files)
+    ids = _ids_of(observations, files)
+    pairing = early if early is not None else match_raw(raw, ids)
+    session.load_solver(quiet=request.quiet)
+    size = next(iter(observations.image_sizes.values()))
+    camera = None if request.camera is None else read_camera(request.camera, image_size=size)
+    observations = replace(observations, views=tuple(replace(v, moment=v.id) for v in observations.views))
+    names = [ids[v] for v in pairing.view_index]
+    inputs: list[str | Path] = [*source.inputs(files), *request.poses]
+    inputs += [request.camera] if request.camera is not None else []
+    complete = tuple(r.take(pairing.pose_index, names) for r in readings(raw))
+    return PairedData(
+        complete, pairing.message, tuple(inputs), observations, camera, raw=raw, pose_index=tuple(pairing.pose_index)
+    )
+
+
+def _ids_of(observations: Observations, files: Sequence[Path]) -> list[str]:
+    """Names of all views, found and missed; in the order of the photos, where there are photos."""
+    every: list[View | Missed] = [*observations.views, *observations.missed]
+    if not files:
+        return [v.id for v in every]
+    by_file = {v.file: v.id for v in every}
+    return [by_file[str(f)] for f in files]
+
+
+def _with_target_poses(request: Request, raw: RawPoses) -> PairedData:
+    from calibrant.diagnose.doctor.target_notation import decide_target_notation
+    from calibrant.formats.poses.read import read_poses, readings
+
+    if request.target_poses:
+        target = read_poses(list(request.target_poses), rotation=request.target_rotation)
+    elif raw.target is not None:
+        target = raw.target
+    else:
+        raise InputError(
+            "robot poses alone do not say where the camera is: give photos (--images with --target), or measured "
+            "poses of the target (--target-poses)"
+        )
+    session.load_pose_solver(quiet=request.quiet)
+    names, pose_index, target_index, pairing = _pair(raw, target, request.exclude)
+    complete = tuple(r.take(pose_index, names) for r in readings(raw))
+    of_target = [r.take(target_index, names) for r in readings(target, direction="base-gripper")]
+    decided = decide_target_notation(complete, of_target)
+    return PairedData(
+        complete,
+        pairing,
+        (*request.poses, *request.target_poses),
+        T_camera_target=np.asarray(decided.reading.T_base_gripper),
+        raw=raw,
+        pose_index=tuple(pose_index),
+        target_reading=decided.finding,
+    )
+
+
+def _pair(raw: RawPoses, target: RawPoses, exclude: Sequence[str]) -> tuple[list[str], list[int], list[int], str]:
+    """Names, indices of the robot's poses and of the target's, and the words for it. Raises: InputError."""
+    from calibrant.formats.poses.pairing import match
+
+    n = len(target)
+    if raw.names is not None and target.names is not None:
+        found = match(raw.names, target.names)
+        names = [target.names[v] for v in found.view_index]
+        pose_index, target_index = list(found.pose_index), list(found.view_index)
+        message = found.message.replace("images", "target poses").replace("image", "target pose")
+    elif len(raw) == n:
+        names = list(raw.names or target.names or (str(i) for i in range(n)))
+        pose_index = target_index = list(range(n))
+        message = f"{n} robot poses and {n} target poses paired by order"
+    else:
+        raise InputError(
+            f"{len(raw)} robot poses and {n} target poses: without names on both sides they are paired by order, and "
+            "that needs as many of one as of the other"
+        )
+    keep = [i for i, k in enumerate(kept(names, exclude, what="pose")) if k]
+    return [names[i] for i in keep], [pose_index[i] for i in keep], [target_index[i] for i in keep], message

@@ -1,0 +1,188 @@
+"""The reprojection factor: Jacobians through every chain, and compiled kernels against their NumPy form."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibrant.calibrate.reprojection.factor import ReprojectionFactor, StackedViews, TargetModes, stack
+from calibrant.calibrate.reprojection.links import Link, link_maps, product
+from calibrant.cameras.registry import MODELS
+from calibrant.errors import InputError
+from calibrant.geometry import se3
+from calibrant.optimize import SE3, Problem, Variable, solve, vector
+from calibrant.optimize import threads as pool
+from calibrant.optimize.factors import Factor
+from calibrant.optimize.losses import Loss, cauchy, geman_mcclure, huber, squared
+from calibrant.simulate.scenes import intrinsics_scene
+
+VIEWS = 5
+SCENE = intrinsics_scene(VIEWS, seed=3, columns=5, rows=4)
+RNG = np.random.default_rng(0)
+EYE = np.arange(VIEWS)
+ONE = np.zeros(VIEWS, dtype=np.int64)
+CHAINS = {
+    "plain": [Link("T", EYE)],
+    "inverted": [Link("T", EYE, inverted=True)],
+    "rig": [Link("A", ONE), Link("T", EYE)],
+    "eye-in-hand": [Link("A", ONE, inverted=True), Link("T", EYE, inverted=True), Link("B", ONE)],
+    "eye-to-hand": [Link("A", ONE, inverted=True), Link("T", EYE), Link("B", ONE)],
+}
+
+
+def values_for(chain: list[Link]) -> list[np.ndarray]:
+    """Random links whose product is near the scene's poses, so that every point stays in front of the camera."""
+    values = [se3.exp(0.3 * RNG.normal(size=(1 if link.indices is ONE else VIEWS, 6))) for link in chain]
+    k = next(i for i, link in enumerate(chain) if link.variable == "T")
+    spread = [np.broadcast_to(v, (VIEWS, 4, 4)) for v in values]
+    left = product(chain[:k], spread[:k])
+    right = product(chain[k + 1 :], spread[k + 1 :])
+    middle = se3.inverse(left) @ SCENE.T_camera_target @ se3.inverse(right)
+    values[k] = se3.inverse(middle) if chain[k].inverted else middle
+    return [np.ascontiguousarray(np.broadcast_to(v, (VIEWS, 4, 4))) for v in values]
+
+
+def make(
+    chain: list[Link], *, modes: bool, loss: Loss | None = None, views: StackedViews | None = None
+) -> ReprojectionFactor:
+    stacked = views or stack(SCENE.observations.views)
+    deform = TargetModes("m", np.stack([stacked.points, stacked.points[:, [2, 2, 0]]])) if modes else None
+    return ReprojectionFactor(
+        "r", model=SCENE.camera.model, camera="camera", chain=chain, views=stacked, modes=deform, loss=loss
+    )
+
+
+def arguments(chain: list[Link], *, modes: bool) -> list[np.ndarray]:
+    camera = np.tile(SCENE.camera.values, (VIEWS, 1))
+    return [*values_for(chain), camera, *([np.tile([0.01, -0.02], (VIEWS, 1))] if modes else [])]
+
+
+@pytest.mark.parametrize("modes", [False, True], ids=["rigid", "modes"])
+@pytest.mark.parametrize("name", CHAINS)
+def test_jacobians_against_central_differences(name: str, modes: bool) -> None:
+    chain = CHAINS[name]
+    factor, values = make(chain, modes=modes), arguments(chain, modes=modes)
+    r, jacobians = factor.linearize(*values)
+    np.testing.assert_allclose(factor.residuals(*values), r, atol=1e-9)
+    for slot, J in enumerate(jacobians):
+        pose = values[slot].ndim == 3
+        for column in range(J.shape[-1]):
+            scale = 1.0 if pose else max(1.0, float(np.abs(values[slot][0, column])))
+            step = np.zeros(J.shape[-1])
+            step[column] = h = 1e-6 * scale
+            moved = []
+            for sign in (1, -1):
+                v = list(values)
+                v[slot] = se3.retract(v[slot], sign * step) if pose else v[slot] + sign * step
+                moved.append(factor.residuals(*v))
+            # 1e3 pixels round to 1e-13: 1e-7 after the division; truncation is h^2 times third derivatives.
+            np.testing.assert_allclose((moved[0] - moved[1]) / (2 * h), J[..., column], rtol=2e-6, atol=2e-5)
+
+
+@pytest.mark.parametrize(
+    "loss", [squared(), huber(1.0), cauchy(1.0), geman_mcclure(2.0)], ids=["l2", "huber", "cauchy", "gm"]
+)
+@pytest.mark.parametrize("modes", [False, True], ids=["rigid", "modes"])
+@pytest.mark.parametrize("name", CHAINS)
+def test_compiled_blocks_equal_the_numpy_form(name: str, modes: bool, loss: Loss) -> None:
+    chain = CHAINS[name]
+    factor, values = make(chain, modes=modes, loss=loss), arguments(chain, modes=modes)
+    compiled, plain = factor.blocks(values, sigma=0.2), Factor.blocks(factor, values, sigma=0.2)
+    assert compiled.cost == pytest.approx(plain.cost, rel=1e-11)
+    for a, b in zip(compiled.gradient, plain.gradient):
+        np.testing.assert_allclose(a, b, rtol=1e-8, atol=1e-9 * np.abs(b).max())
+    assert compiled.hessian.keys() == plain.hessian.keys()
+    for key, block in plain.hessian.items():
+        np.testing.assert_allclose(compiled.hessian[key], block, rtol=1e-9, atol=1e-11 * np.abs(block).max())
+
+
+@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
+def test_every_model_through_the_kernels(model: object) -> None:
+    """Values do not matter here, only that kernel and NumPy form agree for every registered model."""
+    names = model.parameter_names  # type: ignore[attr-defined]
+    some = {"fx": 800.0, "fy": 790.0, "cx": 640.0, "cy": 500.0, "f": 800.0}
+    parameters = np.array([some.get(n, 0.01 if i % 2 else 0.02) for i, n in enumerate(names)])
+    stacked = stack(SCENE.observations.views)
+    factor = ReprojectionFactor("r", model=model, camera="camera", chain=CHAINS["plain"], views=stacked)  # type: ignore[arg-type]
+    values = [SCENE.T_camera_target, np.tile(parameters, (VIEWS, 1))]
+    r = factor.linearize(*values)[0]
+    if not np.isfinite(r).all():
+        pytest.skip("these parameters put points outside the model's field")
+    np.testing.assert_allclose(factor.residuals(*values), r, atol=1e-8)
+    compiled, plain = factor.blocks(values, sigma=1.0), Factor.blocks(factor, values, sigma=1.0)
+    for key, block in plain.hessian.items():
+        np.testing.assert_allclose(compiled.hessian[key], block, rtol=1e-8, atol=1e-10 * max(np.abs(block).max(), 1e-9))
+
+
+def test_threads_do_not_change_a_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = intrinsics_scene(60, seed=1)
+    stacked = stack(scene.observations.views)
+    factor = make([Link("T", np.arange(60))], modes=False, views=stacked)
+    values = [scene.T_camera_target, np.tile(scene.camera.values, (60, 1))]
+    results = []
+    for cores in (1, 2, 7):
+        monkeypatch.setattr(pool, "cores", lambda n=cores: n)
+        monkeypatch.setattr(pool, "SMALLEST_PIECE_SECONDS", 1e-9)
+        blocks = factor.blocks(values, sigma=0.1)
+        results.append((blocks.cost, *blocks.hessian.values(), *blocks.gradient, factor.residuals(*values)))
+    for other in results[1:]:
+        for a, b in zip(results[0], other):
+            np.testing.assert_array_equal(a, b)
+
+
+def test_a_camera_for_every_view() -> None:
+    chain = CHAINS["plain"]
+    stacked = stack(SCENE.observations.views)
+    cameras = np.array([0, 1, 1, 0, 1])
+    factor = ReprojectionFactor(
+        "r", model=SCENE.camera.model, camera="camera", chain=chain, views=stacked, camera_indices=cameras
+    )
+    two = np.stack([SCENE.camera.values, SCENE.camera.values * 1.01])
+    values = [SCENE.T_camera_target, two[cameras]]
+    r = factor.residuals(*values)
+    np.testing.assert_allclose(r, factor.linearize(*values)[0], atol=1e-9)
+    compiled, plain = factor.blocks(values, sigma=1.0), Factor.blocks(factor, values, sigma=1.0)
+    np.testing.assert_allclose(compiled.hessian[0, 1], plain.hessian[0, 1], rtol=1e-9, atol=1e-6)
+
+
+def test_points_behind_the_camera_have_no_finite_cost() -> None:
+    T = SCENE.T_camera_target.copy()
+    T[2, 2, 3] = -1.0
+    factor = make(CHAINS["plain"], modes=False)
+    camera = np.tile(SCENE.camera.values, (VIEWS, 1))
+    assert not np.isfinite(factor.blocks([T, camera], sigma=1.0).cost)
+    assert not np.isfinite(factor.residuals(T, camera)).all()
+    problem = Problem(
+        (
+            Variable("T", SE3(), T, labels="abcde"),
+            vector("camera", SCENE.camera.values, SCENE.camera.model.parameter_names),
+        ),
+        (factor,),
+    )
+    with pytest.raises(InputError, match=r"no finite residual in 'r' \(T c, camera\): a point lies behind the camera"):
+        solve(problem)
+
+
+def test_relative_sigmas_have_a_mean_weight_of_one() -> None:
+
+    views = [
+        replace(v, sigma_px=np.full(len(v), s)) for v, s in zip(SCENE.observations.views, (0.1, 0.2, 0.1, 0.3, 0.1))
+    ]
+    sigma = stack(views).sigma
+    assert np.mean(sigma**-2) == pytest.approx(1.0)
+    assert sigma[20] / sigma[0] == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_link_maps_are_derivatives_of_the_product(name: str) -> None:
+    chain = CHAINS[name]
+    values = values_for(chain)
+    T = product(chain, values)
+    for k, M in enumerate(link_maps(chain, values)):
+        for column, e in enumerate(np.eye(6)):
+            v = list(values)
+            v[k] = se3.retract(v[k], 1e-6 * e)
+            ahead = se3.local(T, product(chain, v)) / 1e-6
+            np.testing.assert_allclose(np.broadcast_to(M, (VIEWS, 6, 6))[:, :, column], ahead, atol=1e-5)

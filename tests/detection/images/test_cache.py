@@ -1,0 +1,112 @@
+"""The second run detects nothing again; nothing out of date or cut short is ever used."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from calibrant.data import Observations
+from calibrant.detection import detect, pipeline
+from calibrant.detection.detection import Detection
+from calibrant.detection.images import cache as cache_module
+from calibrant.detection.images.cache import Cache, key_of
+from calibrant.errors import InputError
+from calibrant.targets.registry import parse_target
+
+BOARD = parse_target("chessboard:5x4:20mm")
+
+
+@pytest.fixture
+def images(tmp_path: Path) -> Path:
+    """Three pictures of a board and one of nothing."""
+    folder = tmp_path / "images"
+    folder.mkdir()
+    rng = np.random.default_rng(0)
+    for i in range(3):
+        squares = np.add.outer(np.arange(5), np.arange(6)) % 2
+        board = np.kron(squares, np.ones((40, 40))) * 180 + 40
+        image = np.full((300, 400), 220.0)
+        image[30 + 10 * i :, 40 + 5 * i :][:200, :240] = board
+        cv2.imwrite(str(folder / f"{i}.png"), np.clip(image + rng.normal(0, 1, image.shape), 0, 255).astype(np.uint8))
+    cv2.imwrite(str(folder / "9.png"), np.full((300, 400), 128, np.uint8))
+    return folder
+
+
+def refuse(*_: object) -> None:
+    raise AssertionError("an image was searched that was known already")
+
+
+def same(a: Observations, b: Observations) -> bool:
+    """Whether two observations hold the same numbers, to the last bit."""
+    return [m.reason for m in a.missed] == [m.reason for m in b.missed] and all(
+        v.id == w.id and np.array_equal(v.uv, w.uv) and np.array_equal(v.sigma_px, w.sigma_px)
+        for v, w in zip(a.views, b.views, strict=True)
+    )
+
+
+def test_the_second_run_searches_nothing(images: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = detect(images, target=BOARD, cache=tmp_path / "kept")
+    monkeypatch.setattr(pipeline, "detect_file", refuse)
+    assert same(detect(images, target=BOARD, cache=tmp_path / "kept"), first)
+    # A copy under another name is the same picture.
+    (images / "copy.png").write_bytes((images / "1.png").read_bytes())
+    assert len(detect(images, target=BOARD, cache=tmp_path / "kept").views) == 4
+
+
+def test_what_changes_the_answer_changes_the_key(images: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = images / "0.png"
+    keys = {key_of(file, BOARD, False), key_of(file, BOARD, True), key_of(file, BOARD.scaled(2.0), False)}
+    keys.add(key_of(images / "1.png", BOARD, False))
+    monkeypatch.setattr(cache_module, "code_fingerprint", lambda: "another version")
+    keys.add(key_of(file, BOARD, False))
+    assert len(keys) == 5
+    assert key_of(images / "missing.png", BOARD, False) is None
+
+
+def test_an_interrupted_run_goes_on_where_it_stopped(images: Path, tmp_path: Path) -> None:
+    def stop(done: int, count: int, name: str) -> None:
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        detect(images, target=BOARD, cache=tmp_path / "kept", progress=stop)
+    kept = list((tmp_path / "kept").rglob("*.json"))
+    assert len(kept) == 2
+    assert not list((tmp_path / "kept").rglob(".*"))
+    assert same(detect(images, target=BOARD, cache=tmp_path / "kept"), detect(images, target=BOARD))
+
+
+def test_a_file_cut_short_is_made_anew(images: Path, tmp_path: Path) -> None:
+    first = detect(images, target=BOARD, cache=tmp_path / "kept")
+    for file in (tmp_path / "kept").rglob("*.json"):
+        file.write_text(file.read_text()[:20])
+    assert same(detect(images, target=BOARD, cache=tmp_path / "kept"), first)
+
+
+def test_a_detection_reads_back_whole(tmp_path: Path) -> None:
+    kept = Cache.at(tmp_path)
+    rng = np.random.default_rng(0)
+    found = Detection(np.arange(5), rng.normal(size=(5, 2)), rng.uniform(size=5), notes=("a note",))
+    missed = Detection.nothing("nothing there", looks_like="9x6 inner corners")
+    for key, detection in (("aa11", found), ("bb22", missed)):
+        kept.put(key, (640, 480), detection)
+        back = kept.get(key)
+        assert back is not None
+        size, again = back
+        assert size == (640, 480)
+        assert np.array_equal(again.uv, detection.uv)
+        assert (again.reason, again.notes, again.looks_like) == (
+            detection.reason,
+            detection.notes,
+            detection.looks_like,
+        )
+        assert (again.sigma_px is None) == (detection.sigma_px is None)
+
+
+def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot keep detections"):
+        Cache.at(tmp_path / "file" / "folder")

@@ -1,0 +1,135 @@
+"""From files to observations: what goes wrong with one image, or with all, is said."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import cv2
+import numpy as np
+import pytest
+from tests.detection.chessboard_pictures import Lens, facing, picture
+
+from calibrant.detection import detect
+from calibrant.detection.images.overlay import draw
+from calibrant.errors import DetectionError, InputError
+from calibrant.targets.chessboard import Chessboard
+
+TARGET = Chessboard(9, 6, 0.025)
+LENS = Lens(290.0, 160.0, 120.0)
+
+
+@pytest.fixture(scope="module")
+def boards(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("boards")
+    for k in range(3):
+        pose = facing(9, 6, LENS, distance=15, tilt_deg=10 * k, axis_deg=30, roll_deg=5)
+        cv2.imwrite(str(folder / f"{8 + k}.png"), picture(9, 6, pose, LENS, (320, 240), seed=k))
+    return folder
+
+
+def test_views_carry_ids_points_and_sigma(boards):
+    calls = []
+    found = detect(boards, target=TARGET, progress=lambda *a: calls.append(a))
+    assert [v.id for v in found.views] == ["8.png", "9.png", "10.png"]
+    assert calls == [(1, 3, "8.png"), (2, 3, "9.png"), (3, 3, "10.png")]
+    assert found.image_sizes == {"camera": (320, 240)}
+    assert found.target == "chessboard:9x6:25mm"
+    view = found.views[0]
+    assert np.allclose(view.points, TARGET.points)
+    assert view.sigma_px is not None
+    assert view.file == str(boards / "8.png")
+
+
+def test_any_executor_and_processes_give_the_same(boards):
+    alone = detect(boards, target=TARGET)
+    with ThreadPoolExecutor(2) as executor:
+        threads = detect(boards, target=TARGET, workers=executor)
+    processes = detect(boards, target=TARGET, workers=2)
+    for other in (threads, processes):
+        assert all(np.array_equal(a.uv, b.uv) for a, b in zip(alone.views, other.views, strict=True))
+    with pytest.raises(InputError, match="workers must be at least 1"):
+        detect(boards, target=TARGET, workers=0)
+
+
+def test_a_bad_image_costs_itself_alone(boards, tmp_path):
+    broken, blank = tmp_path / "broken.png", tmp_path / "blank.png"
+    broken.write_bytes(b"nothing")
+    cv2.imwrite(str(blank), np.full((240, 320), 99, np.uint8))
+    found = detect([boards, broken, blank], target=TARGET)
+    assert len(found.views) == 3
+    assert {m.id: m.reason for m in found.missed} == {
+        "broken.png": f"{broken} is not an image that can be read (its 7 bytes are damaged or another format)",
+        "blank.png": "no chessboard of 9x6 inner corners was found",
+    }
+
+
+def test_wrong_spec_is_answered_with_the_real_size(boards):
+    with pytest.raises(DetectionError) as error:
+        detect(boards, target=Chessboard(8, 6, 0.025))
+    assert str(error.value) == "0 of 3 boards found; the images look like 9x6 inner corners, you asked for 8x6"
+    assert error.value.exit_status == 2
+
+
+def test_another_dictionary_is_answered_with_the_whole_spec(tmp_path):
+    board = cv2.aruco.CharucoBoard((5, 4), 0.04, 0.03, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_50))
+    for k in range(2):
+        cv2.imwrite(
+            str(tmp_path / f"{k}.png"), cv2.copyMakeBorder(board.generateImage((500, 400)), *[60] * 4, 0, value=255)
+        )
+    with pytest.raises(DetectionError) as error:
+        detect(tmp_path, target="charuco:5x4:40mm:30mm:DICT_5X5_50")
+    assert str(error.value) == (
+        "0 of 2 boards found; the images look like a ChArUco board with DICT_6X6_50, "
+        "you asked for charuco:5x4:40mm:30mm:DICT_5X5_50"
+    )
+
+
+def test_no_board_at_all_and_nothing_readable(tmp_path):
+    for k in range(2):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), np.full((240, 320), 99, np.uint8))
+    with pytest.raises(DetectionError, match="0 of 2 boards found; every image: no chessboard of 9x6"):
+        detect(tmp_path, target=TARGET)
+    for k in range(2):
+        (tmp_path / f"{k}.png").write_bytes(b"x")
+    with pytest.raises(InputError, match="none of 2 images can be read"):
+        detect(tmp_path, target=TARGET)
+
+
+def test_two_sizes_are_refused_by_name(boards, tmp_path):
+    cv2.imwrite(str(tmp_path / "large.png"), np.zeros((480, 640), np.uint8))
+    with pytest.raises(InputError, match=r"8\.png is 320x240, large\.png is 640x480"):
+        detect([boards, tmp_path / "large.png"], target=TARGET)
+
+
+def test_files_of_one_name_in_two_folders_keep_their_folder(boards, tmp_path):
+    (tmp_path / "8.png").write_bytes((boards / "8.png").read_bytes())
+    found = detect([boards / "8.png", tmp_path / "8.png"], target=TARGET)
+    assert [v.id for v in found.views] == [f"{boards.name}/8.png", f"{tmp_path.name}/8.png"]
+
+
+def test_mirror_x_flips_the_image_first(boards, tmp_path):
+    image = cv2.imread(str(boards / "8.png"), cv2.IMREAD_GRAYSCALE)
+    cv2.imwrite(str(tmp_path / "8.png"), image[:, ::-1])
+    upright = detect(boards / "8.png", target=TARGET).views[0]
+    mirrored = detect(tmp_path / "8.png", target=TARGET, mirror_x=True).views[0]
+    assert np.array_equal(upright.uv, mirrored.uv)
+
+
+def test_overlay_draws_over_a_copy(boards):
+    view = detect(boards / "8.png", target=TARGET).views[0]
+    image = cv2.imread(str(boards / "8.png"), cv2.IMREAD_GRAYSCALE)
+    before = image.copy()
+    drawn = draw(image, view)
+    assert np.array_equal(image, before)
+    assert drawn.shape == (*image.shape, 3)
+    # Axes and points are the only colour: they lie where the board is.
+    coloured = np.argwhere(np.ptp(drawn.astype(int), axis=2) > 30)[:, ::-1]
+    low, high = view.uv.min(axis=0) - 25, view.uv.max(axis=0) + 25
+    assert len(coloured) > 200
+    assert np.all((coloured >= low) & (coloured <= high))
+
+
+def test_the_stereo_set_told_the_wrong_size(shared_data):
+    with pytest.raises(DetectionError) as error:
+        detect(shared_data("opencv_stereo_9x6") / "left*.jpg", target=Chessboard(8, 6, 0.025))
+    assert str(error.value) == "0 of 13 boards found; the images look like 9x6 inner corners, you asked for 8x6"

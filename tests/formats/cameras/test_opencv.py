@@ -1,0 +1,163 @@
+"""OpenCV's files: written ones are read by OpenCV, OpenCV's are read here, in its three syntaxes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from calibrant.cameras import Camera, camera_model
+from calibrant.errors import InputError
+from calibrant.formats.cameras.opencv import write_intrinsics
+from calibrant.formats.cameras.opencv_storage import read_json, read_xml, read_yaml, yaml_text
+from calibrant.formats.cameras.read import read_camera
+
+CAMERA = Camera.create(
+    "brown",
+    {
+        "fx": 1000 / 3,
+        "fy": 534.5,
+        "cx": 342.0,
+        "cy": 233.1,
+        "k1": -0.28,
+        "k2": 1e-7,
+        "p1": 1.23e-19,
+        "p2": -0.0001,
+        "k3": 2.0,
+    },
+    image_size=(640, 480),
+    covariance=np.diag(np.arange(9.0)),
+)
+
+
+def test_opencv_reads_what_is_written(tmp_path: Path) -> None:
+    path = write_intrinsics(CAMERA, tmp_path / "Intr.yml", rms_px=0.123456789012345)
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+    np.testing.assert_array_equal(storage.getNode("camera_matrix").mat(), CAMERA.K)
+    np.testing.assert_array_equal(storage.getNode("distortion_coefficients").mat()[:, 0], CAMERA.values[4:])
+    assert storage.getNode("image_width").real() == 640
+    assert storage.getNode("image_height").real() == 480
+    assert storage.getNode("avg_reprojection_error").real() == 0.123456789012345
+    assert storage.getNode("camera_model").string() == "brown"
+    assert storage.getNode("parameter_sigma").mat().shape == (9, 1)
+    assert path.read_text().startswith("%YAML:1.0\n---\n")
+
+
+def test_what_is_written_is_read_back(tmp_path: Path) -> None:
+    camera = read_camera(write_intrinsics(CAMERA, tmp_path / "Intr.yml"))
+    np.testing.assert_array_equal(camera.values, CAMERA.values)
+    assert (camera.model.name, camera.image_size) == ("brown", (640, 480))
+    np.testing.assert_allclose(list(camera.sigma.values()), list(CAMERA.sigma.values()), rtol=1e-15)
+    pinhole = Camera.create("pinhole", {"fx": 500, "fy": 501, "cx": 1, "cy": 2}, image_size=(64, 48))
+    back = read_camera(write_intrinsics(pinhole, tmp_path / "pinhole.yml"))
+    assert back.model.name == "pinhole"
+    np.testing.assert_array_equal(back.values, pinhole.values)
+
+
+def test_an_existing_file_is_kept(tmp_path: Path) -> None:
+    (tmp_path / "Intr.yml").write_text("mine")
+    with pytest.raises(InputError, match="exists already"):
+        write_intrinsics(CAMERA, tmp_path / "Intr.yml")
+
+
+@pytest.mark.parametrize("suffix", ["yml", "xml", "json"])
+def test_opencv_files_are_read(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"c.{suffix}"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write("image_width", 640)
+    storage.write("image_height", 480)
+    storage.write("cameraMatrix", CAMERA.K)
+    storage.write("distCoeffs", CAMERA.values[4:].reshape(1, 5))
+    storage.write("note", "a note: with # signs")
+    storage.release()
+    camera = read_camera(path)
+    np.testing.assert_array_equal(camera.values, CAMERA.values)
+
+
+def test_matrices_of_every_type_agree_with_opencv(tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    matrices = {
+        "bytes": rng.integers(0, 255, (2, 3)).astype(np.uint8),
+        "floats": rng.normal(size=(3, 2)).astype(np.float32),
+        "points": rng.normal(size=(4, 1, 2)),
+        "long": 1e9 * rng.normal(size=(1, 30)),
+    }
+    for suffix, read in (("yml", read_yaml), ("xml", read_xml), ("json", read_json)):
+        path = tmp_path / f"m.{suffix}"
+        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+        for name, matrix in matrices.items():
+            storage.write(name, matrix)
+        storage.release()
+        data = read(path.read_text(), str(path))
+        for name, matrix in matrices.items():
+            # float32 is written with nine digits
+            np.testing.assert_allclose(data[name], matrix, rtol=1e-8, err_msg=f"{suffix} {name}")
+
+
+def test_every_number_survives_opencv(tmp_path: Path) -> None:
+    values = np.array([[0.0, 1.0, -1e-300, 1e300, 1 / 3, 123456789.0, 5e-324, -0.1]])
+    path = tmp_path / "v.yml"
+    path.write_text(yaml_text({"v": values, "x": 1e22, "n": 3, "s": 'quote " and \\ back'}))
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+    np.testing.assert_array_equal(storage.getNode("v").mat(), values)
+    assert storage.getNode("x").real() == 1e22
+    assert storage.getNode("s").string() == 'quote " and \\ back'
+    data = read_yaml(path.read_text(), "v.yml")
+    np.testing.assert_array_equal(data["v"], values)
+    assert data["x"] == 1e22
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "%YAML:1.0\n---\nK: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ 1., 2. ]\n",
+            "do not fit rows x cols",
+        ),
+        ("%YAML:1.0\n---\nK: !!opencv-matrix\n   rows: 3\n   cols: 3\n", "without dt and data"),
+        ("%YAML:1.0\n---\nK: [1, 2\nx: 3\n", r"c\.yml:4: not YAML"),
+        ("<opencv_storage><K>", r"c\.yml:1: not XML"),
+        ("<other/>", "the XML root is <other>, expected <opencv_storage>"),
+        ("{", r"c\.yml:1: not JSON"),
+    ],
+)
+def test_broken_files_are_named_with_their_line(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "c.yml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_camera(path)
+
+
+@pytest.mark.parametrize("model", ["pinhole_skew", "rational", "thin_prism", "tilted", "kannala_brandt", "unified"])
+def test_opencvs_other_models_come_back(tmp_path: Path, model: str) -> None:
+    kind = camera_model(model)
+    values = np.concatenate([[500.0, 501.0, 320.0, 240.0], 0.01 * np.arange(1.0, len(kind.parameter_names) - 3)])
+    camera = Camera(kind, (640, 480), values)
+    back = read_camera(write_intrinsics(camera, tmp_path / "Intr.yml"))
+    assert back.model.name == model
+    np.testing.assert_array_equal(back.values, values)
+
+
+def test_opencvs_fisheye_and_omnidir_files_are_read(tmp_path: Path) -> None:
+    """calibration.cpp writes fisheye_model: 1; omnidir's sample writes xi."""
+    K = np.array([[500.0, 0, 320], [0, 501, 240], [0, 0, 1]])
+    values = {
+        "image_width": 640,
+        "image_height": 480,
+        "camera_matrix": K,
+        "distortion_coefficients": np.full((4, 1), 0.01),
+    }
+    (tmp_path / "f.yml").write_text(yaml_text({**values, "fisheye_model": 1}))
+    (tmp_path / "o.yml").write_text(yaml_text({**values, "xi": 1.3}))
+    assert read_camera(tmp_path / "f.yml").model.name == "kannala_brandt"
+    omnidir = read_camera(tmp_path / "o.yml")
+    assert (omnidir.model.name, omnidir.parameters["xi"]) == ("unified", 1.3)
+
+
+def test_a_model_that_opencv_lacks_is_refused(tmp_path: Path) -> None:
+    camera = Camera.create("double_sphere", {"fx": 5, "fy": 5, "cx": 1, "cy": 2}, image_size=(64, 48))
+    with pytest.raises(InputError, match="double_sphere camera cannot be written as OpenCV YAML"):
+        write_intrinsics(camera, tmp_path / "Intr.yml")
+    assert not (tmp_path / "Intr.yml").exists()

@@ -1,0 +1,47 @@
+"""The verdict in words, and the views with their reasons."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from calibrant.data import CalibrationResult, Check
+from calibrant.reports.words import sorted_checks, verdict_sentence, view_rows
+
+
+def test_a_warning_is_part_of_the_verdict(intrinsics_result: CalibrationResult) -> None:
+    sentence = verdict_sentence(intrinsics_result)
+    assert "fx is known to 0.029 %" in sentence
+    assert "No points in the lower left corner: take a view with the board there." in sentence
+
+
+def test_a_refusal_gives_its_reason_and_no_accuracy(intrinsics_result: CalibrationResult) -> None:
+    checks = (Check("a", "warn", "w"), Check("b", "fail", "the board was never tilted"), Check("c", "fail", "x"))
+    sentence = verdict_sentence(replace(intrinsics_result, verdict="refused", checks=checks))
+    assert sentence == "The board was never tilted. (And 1 more failed check: see the checks.)"
+
+
+def test_a_good_result_says_how_good(hand_eye_result: Callable[[str], CalibrationResult]) -> None:
+    sentence = verdict_sentence(hand_eye_result("eye-to-hand"))
+    assert sentence == (
+        "base → camera is known to 0.23 mm and 0.020 deg (1σ, worst axis). 11 of 13 views used, every check passed."
+    )
+
+
+def test_a_bare_result_still_has_a_sentence() -> None:
+    assert verdict_sentence(CalibrationResult("intrinsics", "ok")) == "Done."
+
+
+def test_views_list_missed_images_once(intrinsics_result: CalibrationResult) -> None:
+    rows = view_rows(intrinsics_result)
+    assert [row.id for row in rows].count("99.png") == 1
+    assert {row.status for row in rows} == {"used", "used, flagged", "left out"}
+    again = replace(
+        intrinsics_result, views=(*intrinsics_result.views, replace(intrinsics_result.views[0], id="99.png"))
+    )
+    assert [row.id for row in view_rows(again)].count("99.png") == 1
+
+
+def test_the_worst_check_comes_first() -> None:
+    checks = (Check("a", "ok", ""), Check("b", "warn", ""), Check("c", "fail", ""))
+    assert [c.name for c in sorted_checks(CalibrationResult("x", "refused", checks=checks))] == ["c", "b", "a"]

@@ -1,0 +1,66 @@
+"""Any executor gives the same observations: this process, a pool, a Dask cluster."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from calibrant.detection import detect
+from calibrant.errors import InputError
+from calibrant.executors import executor_for
+
+TARGET = "circles:5x4:20mm"
+
+
+@pytest.fixture
+def images(tmp_path: Path) -> Path:
+    """Pictures of a grid of dots."""
+    for i in range(4):
+        image = np.full((240, 320), 220, np.uint8)
+        for row in range(4):
+            for column in range(5):
+                cv2.circle(image, (60 + 10 * i + 40 * column, 50 + 40 * row), 10, 30, -1, cv2.LINE_AA)
+        cv2.imwrite(str(tmp_path / f"{i}.png"), image)
+    return tmp_path
+
+
+def assert_same_as_here(images: Path, workers: object) -> None:
+    """Detection elsewhere gives what this process gives."""
+    here, there = detect(images, target=TARGET, workers=1), detect(images, target=TARGET, workers=workers)
+    assert [v.id for v in there.views] == [v.id for v in here.views] == ["0.png", "1.png", "2.png", "3.png"]
+    for a, b in zip(here.views, there.views, strict=True):
+        np.testing.assert_array_equal(a.uv, b.uv)
+
+
+def test_threads(images: Path) -> None:
+    with ThreadPoolExecutor(2) as executor:
+        assert_same_as_here(images, executor)
+
+
+def test_processes(images: Path) -> None:
+    assert_same_as_here(images, 2)
+
+
+def test_dask(images: Path) -> None:
+    distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install 'calibrant[fleet]'")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=False, protocol="tcp", dashboard_address=None
+    ) as cluster:
+        assert_same_as_here(images, cluster.scheduler_address)
+
+
+@pytest.mark.parametrize("workers", [0, -1, "0", "many", "http://host"])
+def test_workers_that_are_none(workers: object) -> None:
+    with pytest.raises(InputError, match="workers"), executor_for(workers, 10):  # type: ignore[arg-type]
+        pass
+
+
+def test_few_images_need_no_pool() -> None:
+    with executor_for(None, 3) as executor:
+        assert executor is None
+    with executor_for("4", 1) as executor:
+        assert executor is None

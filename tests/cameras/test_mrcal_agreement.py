@@ -6,16 +6,12 @@ mrcal is Debian's python3-mrcal, which lives with the system's Python: it runs t
 from __future__ import annotations
 
 import json
-import subprocess
-from functools import cache
-from pathlib import Path
 
 import numpy as np
-import pytest
+from tests.peers import MRCAL
 
 from calibrant.cameras import Camera, camera_model
 
-SYSTEM_PYTHON = Path("/usr/bin/python3")
 SIZE = (1280, 1024)
 PIXELS = {"fx": 900.0, "fy": 905.0, "cx": 645.0, "cy": 507.0}
 TERMS = dict(
@@ -37,27 +33,10 @@ json.dump(out, sys.stdout)
 GRID = "splined:16x12:120deg"
 
 
-@cache
-def missing() -> str | None:
-    """Why mrcal cannot be asked; None when it can."""
-    if not SYSTEM_PYTHON.exists():
-        return f"{SYSTEM_PYTHON} is not there"
-    run = subprocess.run([SYSTEM_PYTHON, "-c", "import mrcal"], capture_output=True, text=True, check=False)
-    return None if run.returncode == 0 else f"mrcal is not installed for {SYSTEM_PYTHON} (Debian: python3-mrcal)"
-
-
-@pytest.fixture(autouse=True)
-def _mrcal() -> None:
-    reason = missing()
-    if reason is not None:
-        pytest.skip(reason)
-
-
 def ask(*questions: tuple[str, list[float], np.ndarray, np.ndarray]) -> list[tuple[np.ndarray, np.ndarray]]:
     """mrcal's pixels of points and unit rays of pixels, for each (model, intrinsics, points, pixels)."""
     given = json.dumps([[m, list(v), p.tolist(), uv.tolist()] for m, v, p, uv in questions])
-    run = subprocess.run([SYSTEM_PYTHON, "-c", SCRIPT], input=given, capture_output=True, text=True, check=True)
-    return [(np.array(q), np.array(v)) for q, v in json.loads(run.stdout)]
+    return [(np.array(q), np.array(v)) for q, v in json.loads(MRCAL.ask(SCRIPT, given.encode()))]
 
 
 def points(reach_deg: float) -> np.ndarray:

@@ -29,7 +29,7 @@ from calibrant.data import CalibrationResult, Observations, RobotPoses
 from calibrant.diagnose.doctor.diagnosis import Diagnosis, diagnose_poses, diagnose_views
 from calibrant.diagnose.doctor.repair import calibrate_repaired
 from calibrant.errors import CalibrantError, RefusedError
-from calibrant.formats.poses.read import read_poses, readings
+from calibrant.formats.poses.read import notations, read_poses
 from calibrant.geometry import rotations, se3
 from calibrant.simulate.noise import flipped_board
 
@@ -155,7 +155,7 @@ def moveit() -> Sample:
     """50 pose pairs, eye-to-hand."""
     raw = read_poses(DATA / "handeye_moveit_poses" / "pose_samples.json")
     ids = tuple(f"{i}.png" for i in range(len(raw)))
-    return Sample("eye-to-hand", ids, readings(raw)[0].T_base_gripper, B=readings(raw.target)[0].T_base_gripper)
+    return Sample("eye-to-hand", ids, notations(raw)[0].T_base_gripper, B=notations(raw.target)[0].T_base_gripper)
 
 
 def charuco() -> Sample:
@@ -169,9 +169,9 @@ def charuco() -> Sample:
     observations = detect([str(folder / "images")], target=target)
     views = tuple(replace(v, file=None) for v in observations.views)
     observations = replace(observations, views=views)
-    reading = readings(read_poses(str(folder / "poses" / "*.yaml")))[0]
+    notation = notations(read_poses(str(folder / "poses" / "*.yaml")))[0]
     ids = tuple(v.id for v in views)
-    T = reading.take([reading.ids.index(Path(i).stem) for i in ids]).T_base_gripper
+    T = notation.take([notation.ids.index(Path(i).stem) for i in ids]).T_base_gripper
     camera = calibrate_intrinsics(observations).camera
     return Sample("eye-to-hand", ids, T, observations=observations, camera=camera)
 
@@ -188,7 +188,7 @@ def diagnosed(text: Text, sample: Sample, folder: Path, *, known: bool = False) 
     path = folder / "poses.csv"
     rows = "\n".join(f"{i}," + ",".join(repr(float(x)) for x in row) for i, row in zip(sample.ids, text.numbers))
     path.write_text(f"image,{text.header}\n{rows}\n")
-    complete = readings(read_poses(path))
+    complete = notations(read_poses(path))
     if sample.B is not None:
         return diagnose_poses(complete, sample.B)
     return diagnose_views(complete, sample.observations, sample.camera, camera_given=known)

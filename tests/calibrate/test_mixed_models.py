@@ -30,13 +30,13 @@ def test_a_brown_and_a_fisheye_camera_share_a_rig() -> None:
     T_fisheye_brown = se3.make(so3.exp([0.1, -0.2, 0.05]), [-0.1, 0.02, 0.01])
     moments = np.arange(len(T))
     first = ReprojectionFactor(
-        "brown", model=BROWN.model, camera="brown", chain=[Link("T", moments)], views=views(BROWN, T)
+        "brown", model=BROWN.model, camera="brown", links=[Link("T", moments)], views=views(BROWN, T)
     )
     second = ReprojectionFactor(
         "fisheye",
         model=FISHEYE.model,
         camera="fisheye",
-        chain=[Link("between", np.zeros(len(T), dtype=np.int64)), Link("T", moments)],
+        links=[Link("between", np.zeros(len(T), dtype=np.int64)), Link("T", moments)],
         views=views(FISHEYE, T_fisheye_brown @ T),
     )
     rng = np.random.default_rng(61)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from calibrant.cli.application import run
 from calibrant.data import RobotPoses
-from calibrant.formats.poses.read import read_poses, readings
+from calibrant.formats.poses.read import notations, read_poses
 from calibrant.simulate.noise import flipped_board
 from calibrant.simulate.scenes import HandEyeScene, hand_eye_scene
 from calibrant.tasks.robots.doctor import csv_text
@@ -98,7 +98,7 @@ def test_apply_calibrates_from_repaired_data(
     matrix = np.array(result["transforms"][0]["matrix"])
     sigma = 1e-3 * np.array(result["transforms"][0]["sigma_translation_mm"])
     assert np.all(np.abs(matrix[:3, 3] - scene.X[:3, 3]) < 4 * sigma)
-    again = readings(read_poses(poses))[0].T_base_gripper
+    again = notations(read_poses(poses))[0].T_base_gripper
     np.testing.assert_allclose(again, scene.robot_poses.T_base_gripper, atol=1e-12)
     assert {c["name"] for c in result["checks"]} >= {"poses-shifted", "board-flipped"}
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from calibrant.diagnose.conventions.decide import Setup, decide, rank, robot_side
 from calibrant.diagnose.conventions.hypotheses import SETUPS
 from calibrant.errors import InputError, RefusedError
-from calibrant.formats.poses.read import PoseReading, read_poses, readings
+from calibrant.formats.poses.read import PoseNotation, notations, read_poses
 from calibrant.geometry import rotations, se3, so3
 
 Array = NDArray[np.float64]
@@ -39,19 +39,19 @@ def cell(n: int, *, setup: Setup, noise: float, seed: int = 0) -> tuple[Array, A
     return T_base_gripper, se3.retract(B, noise * shake)
 
 
-def written(folder: Path, header: str, position: Array, numbers: Array) -> tuple[PoseReading, ...]:
+def written(folder: Path, header: str, position: Array, numbers: Array) -> tuple[PoseNotation, ...]:
     path = folder / "poses.csv"
     rows = "\n".join(",".join(repr(float(v)) for v in row) for row in np.column_stack([position, numbers]))
     path.write_text(f"{header}\n{rows}\n")
-    return readings(read_poses(path))
+    return notations(read_poses(path))
 
 
-def native(folder: Path, T: Array) -> tuple[PoseReading, ...]:
+def native(folder: Path, T: Array) -> tuple[PoseNotation, ...]:
     return written(folder, "x,y,z,qx,qy,qz,qw", T[:, :3, 3], rotations.quaternion_xyzw_from_matrix(T[:, :3, :3]))
 
 
-def some(found: Sequence[PoseReading], index: Array) -> list[PoseReading]:
-    """The readings of some of the poses, in another order if need be."""
+def some(found: Sequence[PoseNotation], index: Array) -> list[PoseNotation]:
+    """The notations of some of the poses, in another order if need be."""
     ids = tuple(str(i) for i in range(len(index)))
     return [replace(r, ids=ids, T_base_gripper=r.T_base_gripper[index]) for r in found]
 
@@ -63,14 +63,14 @@ def test_clean_native_poses_are_read_as_they_are_and_the_setup_is_found(
 ) -> None:
     T, B = cell(12, setup=setup, noise=noise)
     decision = decide(native(tmp_path, T), B)
-    assert (decision.setup, decision.reading.direction, decision.reading.rotation) == (
+    assert (decision.setup, decision.notation.direction, decision.notation.rotation) == (
         setup,
         "base-gripper",
         "quat-xyzw",
     )
     assert decision.findings == ()
     assert decision.confidence > 0.999
-    np.testing.assert_allclose(decision.reading.poses.T_base_gripper, T, atol=1e-12)
+    np.testing.assert_allclose(decision.notation.poses.T_base_gripper, T, atol=1e-12)
 
 
 def test_the_message_says_what_no_data_can_tell(tmp_path: Path) -> None:
@@ -88,17 +88,17 @@ def test_inverted_poses_are_found_by_the_cell_they_would_make(tmp_path: Path) ->
         T, B = cell(12, setup=setup, noise=1)
         for asked in ("auto", setup):
             decision = decide(native(tmp_path, se3.inverse(T)), B, setup=asked)  # type: ignore[arg-type]
-            assert (decision.setup, decision.reading.direction) == (setup, "gripper-base")
+            assert (decision.setup, decision.notation.direction) == (setup, "gripper-base")
             assert [(f.name, f.status) for f in decision.findings] == [("pose-direction", "warn")]
             assert "which nobody builds" in decision.findings[0].message
-            np.testing.assert_allclose(decision.reading.T_base_gripper, T, atol=1e-12)
+            np.testing.assert_allclose(decision.notation.T_base_gripper, T, atol=1e-12)
 
 
 def test_a_cell_that_could_be_either_keeps_the_documented_direction(tmp_path: Path) -> None:
     T, B = cell(12, setup="eye-in-hand", noise=1)
     near = se3.make(np.eye(3), [-0.25, 0.0, 0.0])  # the target 0.33 m from the base: a gripper could carry it
     decision = decide(native(tmp_path, near @ T), B)
-    assert (decision.setup, decision.reading.direction, decision.findings) == ("eye-in-hand", "base-gripper", ())
+    assert (decision.setup, decision.notation.direction, decision.findings) == ("eye-in-hand", "base-gripper", ())
     assert "the documented direction was taken" in decision.message
     assert "--pose-direction gripper-base" in decision.message
 
@@ -108,7 +108,7 @@ def test_a_given_direction_settles_the_setup(tmp_path: Path) -> None:
     inverted = [r for r in native(tmp_path, se3.inverse(T)) if r.direction == "gripper-base"]
     decision = decide(inverted, B)
     assert decision.setup == "eye-in-hand"
-    np.testing.assert_allclose(decision.reading.T_base_gripper, T, atol=1e-12)
+    np.testing.assert_allclose(decision.notation.T_base_gripper, T, atol=1e-12)
 
 
 def layouts(T: Array) -> dict[str, tuple[str, Array, Array]]:
@@ -147,7 +147,7 @@ OVERRULED = {
 def test_every_way_of_writing_is_found_out(tmp_path: Path, layout: str) -> None:
     T, B = cell(12, setup="eye-in-hand", noise=1)
     decision = decide(written(tmp_path, *layouts(T)[layout]), B)
-    np.testing.assert_allclose(decision.reading.T_base_gripper, T, atol=1e-12)
+    np.testing.assert_allclose(decision.notation.T_base_gripper, T, atol=1e-12)
     assert [f.name for f in decision.findings] == (["header-overruled"] if layout in OVERRULED else [])
     if layout in OVERRULED:
         assert decision.findings[0].status == "warn"
@@ -160,24 +160,24 @@ def test_real_poses_written_in_every_way_are_found_out(
 ) -> None:
     raw = read_poses(shared_data("handeye_moveit_poses") / "pose_samples.json")
     assert raw.target is not None
-    T, B = readings(raw)[0].T_base_gripper[::4], readings(raw.target)[0].T_base_gripper[::4]
+    T, B = notations(raw)[0].T_base_gripper[::4], notations(raw.target)[0].T_base_gripper[::4]
     decision = decide(written(tmp_path, *layouts(T)[layout]), B)
     assert decision.setup == "eye-to-hand"
-    np.testing.assert_allclose(decision.reading.T_base_gripper, T, atol=1e-12)
+    np.testing.assert_allclose(decision.notation.T_base_gripper, T, atol=1e-12)
 
 
 def test_the_wrong_setup_is_a_finding_with_both_loops(shared_data: Callable[[str], Path]) -> None:
     raw = read_poses(shared_data("handeye_moveit_poses") / "pose_samples.json")
     assert raw.target is not None
-    B = readings(raw.target)[0].T_base_gripper
-    for found in (readings(raw), readings(raw, direction="base-gripper")):
+    B = notations(raw.target)[0].T_base_gripper
+    for found in (notations(raw), notations(raw, direction="base-gripper")):
         decision = decide(found, B, setup="eye-in-hand")
         finding = decision.findings[0]
         assert (finding.name, finding.status, decision.ok) == ("setup-mismatch", "fail", False)
         # README of the set: 285-1130 mm as eye-in-hand, about 4.6 mm as eye-to-hand.
         assert "the data do not fit eye-in-hand: its loop leaves 2" in finding.message
         assert "that of eye-to-hand 3.97 mm / 0.079 deg; use --setup eye-to-hand" in finding.message
-    right = decide(readings(raw), B, setup="eye-to-hand")
+    right = decide(notations(raw), B, setup="eye-to-hand")
     assert right.ok
     assert right.findings == ()
 
@@ -185,11 +185,11 @@ def test_the_wrong_setup_is_a_finding_with_both_loops(shared_data: Callable[[str
 def test_random_subsets_of_real_poses_raise_no_alarm(shared_data: Callable[[str], Path]) -> None:
     raw = read_poses(shared_data("handeye_moveit_poses") / "pose_samples.json")
     assert raw.target is not None
-    B, found, rng = readings(raw.target)[0].T_base_gripper, readings(raw), np.random.default_rng(1)
+    B, found, rng = notations(raw.target)[0].T_base_gripper, notations(raw), np.random.default_rng(1)
     for n in rng.integers(4, 20, 20):
         index = rng.choice(50, n, replace=False)
         decision = decide(some(found, index), B[index])
-        assert (decision.setup, decision.reading.direction, decision.findings) == ("eye-to-hand", "base-gripper", ())
+        assert (decision.setup, decision.notation.direction, decision.findings) == ("eye-to-hand", "base-gripper", ())
 
 
 @pytest.mark.parametrize("fault", ["flips", "swap"])
@@ -201,7 +201,7 @@ def test_a_few_wrong_views_do_not_hide_the_reading(tmp_path: Path, fault: str) -
         B[[4, 9]] = B[[9, 4]]
     decision = decide(written(tmp_path, *layouts(T)["ZYX under rx ry rz"]), B)
     assert decision.setup == "eye-to-hand"
-    np.testing.assert_allclose(decision.reading.T_base_gripper, T, atol=1e-12)
+    np.testing.assert_allclose(decision.notation.T_base_gripper, T, atol=1e-12)
 
 
 def test_poses_paired_with_the_wrong_images_fit_no_reading(tmp_path: Path) -> None:
@@ -224,7 +224,7 @@ def test_readings_that_give_one_result_need_no_choice(tmp_path: Path) -> None:
     T, B = cell(8, setup="eye-in-hand", noise=1)
     one, *_ = native(tmp_path, T)
     twin = replace(one, rotation="matrix")
-    assert decide([one, twin], B).reading.rotation == "quat-xyzw"
+    assert decide([one, twin], B).notation.rotation == "quat-xyzw"
 
 
 def test_degenerate_motions_are_refused_by_their_name(tmp_path: Path) -> None:

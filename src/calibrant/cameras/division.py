@@ -38,20 +38,20 @@ class Division(Radial):
 
     def lift(self, terms: Array, mx: Array, my: Array) -> Array:
         s = mx * mx + my * my
-        return ray(mx, my, _w(terms, s), s < _limit(terms))
+        return ray(mx, my, _w(terms, s), s < _radius_limit(terms))
 
     def sees(self, parameters: ArrayLike, p_camera: ArrayLike) -> Mask:
         p = finite_points(p_camera)
         terms = np.asarray(parameters, dtype=np.float64)[4:]
         R = np.hypot(p[..., 0], p[..., 1])
-        limit = _limit(terms)
+        limit = _radius_limit(terms)
         if np.isfinite(limit):
             # Angles grow up to the limit: the last ray seen is (sqrt(limit), w(limit)).
             return p[..., 2] * np.sqrt(limit) > R * _w(terms, np.asarray(limit))
         return (p[..., 2] > 0) | ((R > 0) & bool(np.any(terms < 0)))
 
     def field_limit(self, parameters: Array) -> float:
-        return float(np.sqrt(_limit(parameters[4:])))
+        return float(np.sqrt(_radius_limit(parameters[4:])))
 
     def rows(self) -> Any:
         from calibrant.cameras.kernels.division_rows import rows
@@ -67,7 +67,7 @@ def _w_slope(terms: Array, s: Array) -> Array:
     return terms[0] + s * (2 * terms[1] + s * 3 * terms[2])
 
 
-def _limit(terms: Array) -> float:
+def _radius_limit(terms: Array) -> float:
     """s where the ray's angle stops growing with the radius: w - 2 s w' = 0."""
     return first_positive_root(np.array([1.0, -terms[0], -3 * terms[1], -5 * terms[2]]))
 
@@ -77,7 +77,7 @@ def _scale(terms: Array, R2: Array, z: Array) -> Array:
     norm = np.sqrt(R2 + z * z)
     c, q = z / norm, R2 / norm**2  # cosine and squared sine of the angle from the axis
     low = np.zeros_like(c)
-    limit = _limit(terms)
+    limit = _radius_limit(terms)
     high = np.sqrt(limit / np.maximum(q, 1e-300)) if np.isfinite(limit) else np.full_like(c, 1.0)
     high = np.minimum(high, 1e9)
     if not np.isfinite(limit):

@@ -48,7 +48,7 @@ class KannalaBrandt(Radial):
 
     def lift(self, terms: Array, mx: Array, my: Array) -> Array:
         rd = np.hypot(mx, my)
-        limit = _limit(terms)
+        limit = _angle_limit(terms)
         theta = _angle(terms, rd, limit)
         good = np.abs(theta * _polynomial(terms, theta * theta) - rd) < 1e-12 * (1 + rd)
         s = np.where(rd > 0, np.sin(theta) / np.where(rd > 0, rd, 1.0), 1.0)
@@ -59,7 +59,7 @@ class KannalaBrandt(Radial):
         return (p[..., 2] > 0) | (np.abs(p[..., 0]) > 0) | (np.abs(p[..., 1]) > 0)
 
     def field_limit(self, parameters: Array) -> float:
-        return _limit(parameters[4:])
+        return _angle_limit(parameters[4:])
 
     def inside(self, parameters: Array, p: Array) -> Mask:
         return np.arctan2(np.hypot(p[..., 0], p[..., 1]), p[..., 2]) < self.field_limit(parameters)
@@ -84,7 +84,7 @@ def _slope(k: Array, t: Array) -> Array:
     return 1 + t * (3 * k[0] + t * (5 * k[1] + t * (7 * k[2] + t * 9 * k[3])))
 
 
-def _limit(k: Array) -> float:
+def _angle_limit(k: Array) -> float:
     """Angle where theta_d stops growing, pi at most."""
     root = first_positive_root(np.array([1.0, 3 * k[0], 5 * k[1], 7 * k[2], 9 * k[3]]))
     return float(min(np.sqrt(root), np.pi))

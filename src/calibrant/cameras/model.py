@@ -7,6 +7,7 @@ z forward, metres. Pixel (0, 0) is the centre of the top-left pixel.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -155,3 +156,8 @@ def finite_points(points: ArrayLike) -> Array:
 def _unit(rays: Array) -> Array:
     with np.errstate(invalid="ignore"):
         return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+
+
+def matrix_of(rows: Sequence[Sequence[Array]]) -> Array:
+    """Matrices (..., m, n) whose elements are given by rows, each (...)."""
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)

@@ -26,12 +26,12 @@ class Orthographic(CameraModel):
 
     def project(self, parameters: ArrayLike, p_camera: ArrayLike) -> Array:
         fx, fy, cx, cy = np.asarray(parameters, dtype=np.float64)
-        x, y = _seen(p_camera)
+        x, y = _seen_along_axis(p_camera)
         return np.stack([fx * x + cx, fy * y + cy], axis=-1)
 
     def project_with_jacobians(self, parameters: ArrayLike, p_camera: ArrayLike) -> tuple[Array, Array, Array]:
         fx, fy, *_ = np.asarray(parameters, dtype=np.float64)
-        x, y = _seen(p_camera)
+        x, y = _seen_along_axis(p_camera)
         nothing = np.where(np.isnan(x), np.nan, 0.0)
         J_point = np.zeros((*x.shape, 2, 3)) + nothing[..., None, None]
         J_point[..., 0, 0] += fx
@@ -58,7 +58,7 @@ class Orthographic(CameraModel):
         return rows
 
 
-def _seen(p_camera: ArrayLike) -> tuple[Array, Array]:
+def _seen_along_axis(p_camera: ArrayLike) -> tuple[Array, Array]:
     p = finite_points(p_camera)
     seen = p[..., 2] > 0
     return np.where(seen, p[..., 0], np.nan), np.where(seen, p[..., 1], np.nan)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibrant.cameras.model import Array, CameraModel, finite_points
+from calibrant.cameras.model import Array, CameraModel, finite_points, matrix_of
 from calibrant.cameras.perspective import inverse_depth
 
 
@@ -32,8 +32,8 @@ class Pinhole(CameraModel):
         x, y = p[..., 0] * iz, p[..., 1] * iz
         zero, one = np.zeros_like(x), np.ones_like(x)
         uv = np.stack([fx * x + cx, fy * y + cy], axis=-1)
-        J_point = _matrix([[fx * iz, zero, -fx * x * iz], [zero, fy * iz, -fy * y * iz]])
-        J_parameters = _matrix([[x, zero, one, zero], [zero, y, zero, one]])
+        J_point = matrix_of([[fx * iz, zero, -fx * x * iz], [zero, fy * iz, -fy * y * iz]])
+        J_parameters = matrix_of([[x, zero, one, zero], [zero, y, zero, one]])
         return uv, J_point, J_parameters
 
     def _unproject(self, parameters: Array, uv: Array) -> Array:
@@ -45,7 +45,3 @@ class Pinhole(CameraModel):
         from calibrant.cameras.kernels.pinhole_rows import rows
 
         return rows
-
-
-def _matrix(rows: list[list[Array]]) -> Array:
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)

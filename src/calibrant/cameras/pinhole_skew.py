@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibrant.cameras.model import Array, CameraModel, finite_points
+from calibrant.cameras.model import Array, CameraModel, finite_points, matrix_of
 from calibrant.cameras.perspective import inverse_depth
 
 
@@ -33,8 +33,8 @@ class PinholeSkew(CameraModel):
         x, y = p[..., 0] * iz, p[..., 1] * iz
         zero, one = np.zeros_like(x), np.ones_like(x)
         uv = np.stack([fx * x + skew * y + cx, fy * y + cy], axis=-1)
-        J_point = _matrix([[fx * iz, skew * iz, -(fx * x + skew * y) * iz], [zero, fy * iz, -fy * y * iz]])
-        J_parameters = _matrix([[x, zero, one, zero, y], [zero, y, zero, one, zero]])
+        J_point = matrix_of([[fx * iz, skew * iz, -(fx * x + skew * y) * iz], [zero, fy * iz, -fy * y * iz]])
+        J_parameters = matrix_of([[x, zero, one, zero, y], [zero, y, zero, one, zero]])
         return uv, J_point, J_parameters
 
     def _unproject(self, parameters: Array, uv: Array) -> Array:
@@ -46,7 +46,3 @@ class PinholeSkew(CameraModel):
         from calibrant.cameras.kernels.pinhole_rows import skewed
 
         return skewed
-
-
-def _matrix(rows: list[list[Array]]) -> Array:
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calibrant.cameras import plane_distortion
-from calibrant.cameras.model import Array, CameraModel, Mask, Projection, finite_points
+from calibrant.cameras.model import Array, CameraModel, Mask, Projection, finite_points, matrix_of
 from calibrant.cameras.radial import ray
 
 
@@ -43,7 +43,7 @@ class Unified(CameraModel):
         d = plane_distortion.distort(terms, x, y)
         uv = np.stack([fx * d.x + skew * d.y + cx, fy * d.y + cy], axis=-1)
         to_pixels = np.array([[fx, skew], [0.0, fy]])
-        J_plane = to_pixels @ _matrix(d.xx, d.xy, d.yx, d.yy)
+        J_plane = to_pixels @ matrix_of([[d.xx, d.xy], [d.yx, d.yy]])
         # d (x, y) / dp = iD (e - (x, y) dD/dp), D = Z + xi |p|
         by_D = xi * p / norm[..., None]
         by_D[..., 2] += 1
@@ -98,7 +98,3 @@ class Unified(CameraModel):
         from calibrant.cameras.kernels.unified_rays import rays
 
         return rays
-
-
-def _matrix(a: Array, b: Array, c: Array, d: Array) -> Array:
-    return np.stack([np.stack([a, b], axis=-1), np.stack([c, d], axis=-1)], axis=-2)

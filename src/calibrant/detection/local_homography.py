@@ -88,10 +88,10 @@ def fit_local_maps(places: Array, xy: Array, uv: Array, sigma_px: Array) -> Loca
     d2 = np.take_along_axis(distance2, nearest, axis=1)
     weight = np.exp(-0.5 * d2 / REACH_SQUARES**2) / sigma_px[nearest] ** 2
     weight[d2 < 1e-12] = 0.0
-    return LocalMaps(*_solve(d, uv[nearest], weight))
+    return LocalMaps(*_solve_local(d, uv[nearest], weight))
 
 
-def _solve(d: Array, uv: Array, weight: Array) -> tuple[Array, Array, Array]:
+def _solve_local(d: Array, uv: Array, weight: Array) -> tuple[Array, Array, Array]:
     n, k = weight.shape
     total = np.maximum(weight.sum(axis=1), 1e-300)
     origin = np.einsum("nk,nki->ni", weight, uv) / total[:, None]

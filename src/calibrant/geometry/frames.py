@@ -2,7 +2,7 @@
 
     T_a_d = T_a_b T_b_c T_c_d along the path a, b, c, d; an edge walked from child to parent is inverted.
 
-The named chains of the documents are in `chains`; they are paths through such a graph.
+The named equations of the documents are in `grasp_equations`; they are paths through such a graph.
 """
 
 from __future__ import annotations

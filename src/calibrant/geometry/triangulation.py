@@ -31,7 +31,7 @@ def triangulate(rays: ArrayLike, *, T_world_camera: ArrayLike) -> Array:
     Returns: (n, 3), metres, world frame.
     Raises: InputError for fewer than two views of a point, parallel rays, shapes that do not fit.
     """
-    directions, seen, T = _checked(rays, T_world_camera)
+    directions, seen, T = _checked_rays(rays, T_world_camera)
     d = np.einsum("vij,vnj->vni", T[:, :3, :3], directions)
     across = (np.eye(3) - d[..., :, None] * d[..., None, :]) * seen[..., None, None]
     normal = across.sum(axis=0)
@@ -51,17 +51,17 @@ def refine_points(p_world: ArrayLike, rays: ArrayLike, *, T_world_camera: ArrayL
     order near the optical axis. A point whose step no longer lowers its error keeps its place.
     Args: p_world (n, 3); rays and T_world_camera as `triangulate`. Returns (n, 3), metres. Raises: as `triangulate`.
     """
-    directions, seen, T = _checked(rays, T_world_camera)
+    directions, seen, T = _checked_rays(rays, T_world_camera)
     X = np.array(p_world, dtype=np.float64)
     if X.shape != directions.shape[1:]:
         raise InputError(f"expected {directions.shape[1:]} start points for these rays, got {X.shape}")
     T_camera_world = se3.inverse(T)
     axes = _across(directions) * seen[..., None, None]
-    error, J = _angles(X, axes, T_camera_world)
+    error, J = _ray_angles(X, axes, T_camera_world)
     for _ in range(_REFINE_ITERATIONS):
         step = -np.linalg.solve(np.einsum("vnki,vnkj->nij", J, J), np.einsum("vnki,vnk->ni", J, error)[..., None])
         candidate = X + step[..., 0]
-        new_error, new_J = _angles(candidate, axes, T_camera_world)
+        new_error, new_J = _ray_angles(candidate, axes, T_camera_world)
         better = np.sum(new_error**2, axis=(0, 2)) < np.sum(error**2, axis=(0, 2))
         X = np.where(better[:, None], candidate, X)
         error = np.where(better[None, :, None], new_error, error)
@@ -72,7 +72,7 @@ def refine_points(p_world: ArrayLike, rays: ArrayLike, *, T_world_camera: ArrayL
     return X
 
 
-def _angles(X: Array, axes: Array, T_camera_world: Array) -> tuple[Array, Array]:
+def _ray_angles(X: Array, axes: Array, T_camera_world: Array) -> tuple[Array, Array]:
     """Residuals (views, n, 2) and their derivatives by X (views, n, 2, 3); see `refine_points`."""
     q = se3.apply(T_camera_world[:, None], X)
     distance = np.linalg.norm(q, axis=-1)[..., None]
@@ -90,7 +90,7 @@ def _across(directions: Array) -> Array:
     return np.stack([first, np.cross(directions, first)], axis=-2)
 
 
-def _checked(rays: ArrayLike, T_world_camera: ArrayLike) -> tuple[Array, Array, Array]:
+def _checked_rays(rays: ArrayLike, T_world_camera: ArrayLike) -> tuple[Array, Array, Array]:
     """Unit rays (views, n, 3), +z where unseen; seen (views, n) as 0 or 1; the transforms."""
     r = np.asarray(rays, dtype=np.float64)
     T = se3.check(T_world_camera, name="T_world_camera")

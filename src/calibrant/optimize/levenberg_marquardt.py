@@ -99,7 +99,7 @@ def _iterate(
         values=values,
         sigmas=levels,
         equations=equations,
-        converged=status.converged or (status is Status.STALLED and _flat(equations, chosen)),
+        converged=status.converged or (status is Status.STALLED and _is_flat(equations, chosen)),
         status=status.name.lower(),
         message=status.value,
         history=tuple(history),
@@ -147,7 +147,7 @@ def _advance(
     return _Outcome(None, None, damping, growth, Status.STALLED)
 
 
-def _flat(equations: NormalEquations, options: SolverOptions) -> bool:
+def _is_flat(equations: NormalEquations, options: SolverOptions) -> bool:
     """True when an undamped step predicts no decrease worth having: stalled at the minimum."""
     step = linear.solve(equations, 1e-12)
     return step is not None and step.predicted <= 1e-8 * equations.cost + 1e-20

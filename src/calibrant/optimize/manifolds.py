@@ -174,7 +174,7 @@ class SE3(Manifold):
 
     def describe(self, direction: Array, share: Array) -> str:
         phrases = [
-            f"{what} {_axis(part)}"
+            f"{what} {_axis_name(part)}"
             for what, part, size in (
                 ("the rotation about", direction[:3], np.linalg.norm(share[:3])),
                 ("the position along", direction[3:], np.linalg.norm(share[3:])),
@@ -184,7 +184,7 @@ class SE3(Manifold):
         return " with ".join(phrases) or super().describe(direction, share)
 
 
-def _axis(direction: Array) -> str:
+def _axis_name(direction: Array) -> str:
     """An axis by its letter when it is one within 5 degrees, else as a unit vector."""
     unit = direction / max(float(np.linalg.norm(direction)), 1e-300)
     largest = int(np.argmax(np.abs(unit)))

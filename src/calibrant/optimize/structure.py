@@ -68,12 +68,12 @@ def analyse(variables: Sequence[Variable], factors: Sequence[Factor]) -> Structu
     index = {v.name: i for i, v in enumerate(variables)}
     slots = tuple(tuple(index[name] for name in f.variables) for f in factors)
     eliminated = _choose_eliminated(variables, factors, slots)
-    placements, batches, shared = _place(variables, factors, slots, eliminated)
+    placements, batches, shared = _place_batch(variables, factors, slots, eliminated)
     picks = tuple(
         tuple(None if _in_order(i, variables[v].count) else i for v, i in zip(slot, factor.indices))
         for factor, slot in zip(factors, slots)
     )
-    maps = [None if p is None else _columns(p, batches, shared) for p in placements]
+    maps = [None if p is None else _batch_columns(p, batches, shared) for p in placements]
     places, dims = [], []
     for factor, slot in zip(factors, slots):
         into = np.zeros((factor.edges, len(slot), 5), dtype=np.int64)
@@ -86,7 +86,7 @@ def analyse(variables: Sequence[Variable], factors: Sequence[Factor]) -> Structu
     return Structure(placements, batches, shared, slots, picks, tuple(places), tuple(dims))
 
 
-def _columns(p: Placement, batches: Sequence[tuple[int, int]], shared: int) -> Indices:
+def _batch_columns(p: Placement, batches: Sequence[tuple[int, int]], shared: int) -> Indices:
     """Entries of `Structure.places` (count, 5) of a variable's instances."""
     out = np.zeros((len(p.offset), 5), dtype=np.int64)
     out[:, 4] = p.offset
@@ -160,7 +160,7 @@ def _choose_eliminated(
     return chosen
 
 
-def _place(
+def _place_batch(
     variables: Sequence[Variable], factors: Sequence[Factor], slots: Sequence[tuple[int, ...]], eliminated: set[int]
 ) -> tuple[tuple[Placement | None, ...], tuple[tuple[int, int], ...], int]:
     components, n = _components(variables, factors, slots, eliminated)

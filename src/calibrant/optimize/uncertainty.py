@@ -79,15 +79,15 @@ def of_product(transforms: Sequence[ArrayLike], covariances: Sequence[ArrayLike 
     for k, (T, C) in enumerate(zip(Ts, covariances)):
         if C is None:
             continue
-        left, right = _product(Ts[:k]), _product(Ts[k + 1 :])
+        left, right = _transform_product(Ts[:k]), _transform_product(Ts[k + 1 :])
         M = np.zeros((6, 6))
         M[:3, :3] = M[3:, 3:] = left[:3, :3]
         M[3:, :3] = -left[:3, :3] @ so3.hat(T[:3, :3] @ right[:3, 3])
         total += M @ np.asarray(C, dtype=np.float64) @ M.T
-    return _product(Ts), total
+    return _transform_product(Ts), total
 
 
-def _product(transforms: Sequence[Array]) -> Array:
+def _transform_product(transforms: Sequence[Array]) -> Array:
     T = np.eye(4)
     for factor in transforms:
         T = T @ factor

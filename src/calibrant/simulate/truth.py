@@ -56,7 +56,7 @@ class PointTruth:
 
 def transform_truth(estimate: TransformEstimate, T_true: ArrayLike) -> TransformTruth:
     """Compare an estimate with the truth, both T_parent_child. Raises: InputError when it carries no covariance."""
-    covariance = _covariance(estimate)
+    covariance = _stated_covariance(estimate)
     error = se3.local(estimate.matrix, T_true)
     normalised = float(error @ np.linalg.solve(covariance, error))
     return TransformTruth(error, np.sqrt(np.diag(covariance)), normalised, float(chi2.ppf(CONFIDENCE, 6)))
@@ -68,14 +68,14 @@ def point_truth(estimate: TransformEstimate, T_true: ArrayLike, p_child: ArrayLi
     Predicted: C_p = J C J^T with J = [-hat(R p), I]; the RMS distance is sqrt(trace C_p). Args: p_child (3,) metres.
     """
     p = np.asarray(p_child, dtype=np.float64)
-    covariance = _covariance(estimate)
+    covariance = _stated_covariance(estimate)
     J = np.hstack([-so3.hat(estimate.matrix[:3, :3] @ p), np.eye(3)])
     error = se3.apply(T_true, p) - se3.apply(estimate.matrix, p)
     sigma = float(np.sqrt(np.trace(J @ covariance @ J.T)))
     return PointTruth(float(1e3 * np.linalg.norm(error)), 1e3 * sigma)
 
 
-def _covariance(estimate: TransformEstimate) -> Array:
+def _stated_covariance(estimate: TransformEstimate) -> Array:
     if estimate.covariance is None:
         raise InputError(
             f"the estimate {estimate.parent} -> {estimate.child} has no covariance to compare with the truth"

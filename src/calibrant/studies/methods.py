@@ -210,17 +210,17 @@ def _tsai_depth(case: Case) -> ClassicalCalibration:
 
 def _zhang(skew: Literal["zero", "free"]) -> Callable[[Case], ClassicalCalibration]:
     def run(case: Case) -> ClassicalCalibration:
-        return calibrate_zhang(*_columns(case), image_size=case.image_size, skew=skew)
+        return calibrate_zhang(*_image_columns(case), image_size=case.image_size, skew=skew)
 
     return run
 
 
 def _zhang_radial(case: Case) -> ClassicalCalibration:
-    points, uv = _columns(case)
+    points, uv = _image_columns(case)
     return zhang_distortion(calibrate_zhang(points, uv, image_size=case.image_size), points, uv)
 
 
-def _columns(case: Case) -> tuple[Sequence[Array], Sequence[Array]]:
+def _image_columns(case: Case) -> tuple[Sequence[Array], Sequence[Array]]:
     return [v.points for v in case.views], [v.uv for v in case.views]
 
 
@@ -236,15 +236,15 @@ def _full_plane(case: Case) -> ClassicalCalibration:
         radial="brown",
         scale="norm",
     )
-    return _refined(case, start, fix=("principal", "aspect", *RADIAL_ONLY))
+    return _refined_classical(case, start, fix=("principal", "aspect", *RADIAL_ONLY))
 
 
 def _full_depth(case: Case) -> ClassicalCalibration:
     """f_x, f_y, c_x, c_y, k1 and the pose from one view of points with depth."""
-    return _refined(case, _dlt(case), fix=RADIAL_ONLY)
+    return _refined_classical(case, _dlt(case), fix=RADIAL_ONLY)
 
 
-def _refined(case: Case, start: ClassicalCalibration, *, fix: tuple[str, ...]) -> ClassicalCalibration:
+def _refined_classical(case: Case, start: ClassicalCalibration, *, fix: tuple[str, ...]) -> ClassicalCalibration:
     kind = camera_model("brown")
     values = np.array([start.camera.parameters.get(name, 0.0) for name in kind.parameter_names])
     solution = refine(stack(case.views), kind, Start(values, start.T_camera_target), fix=fix)

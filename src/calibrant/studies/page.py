@@ -142,7 +142,7 @@ def page(study: Study) -> str:
 
 def _compared_table(use: Use, compared: Sequence[Compared]) -> RenderableType:
     rows = [c for c in compared if c.method.use == use]
-    table = _table()
+    table = _table_block()
     table.add_column("method", no_wrap=True)
     for heading in ("RMS px", "f err %", "c err px", "rot deg", "pos mm", "ms", "refused"):
         table.add_column(heading, justify="right", no_wrap=True)
@@ -161,7 +161,7 @@ def _compared_table(use: Use, compared: Sequence[Compared]) -> RenderableType:
 
 def _sweep_table(swept: Swept) -> RenderableType:
     unit = f" [{swept.sweep.unit}]" if swept.sweep.unit else ""
-    table = _table()
+    table = _table_block()
     table.add_column(f"{swept.sweep.title}{unit}", no_wrap=True)
     for value in swept.sweep.values:
         table.add_column(f"{value:g}", justify="right", no_wrap=True)
@@ -188,7 +188,7 @@ def _figure(value: float | None, digits: int = 2) -> str:
     return plain(value, digits=digits) if abs(value) >= 1e-3 else f"{value:.0e}"
 
 
-def _table() -> Table:
+def _table_block() -> Table:
     return Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
 
 

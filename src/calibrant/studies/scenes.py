@@ -140,7 +140,7 @@ def _case(points: Array, conditions: Conditions) -> Case:
     around = rng.uniform(0, 2 * np.pi)
     centre = told + conditions.centre_error_px * np.array([np.cos(around), np.sin(around)])
     camera = lens_of(conditions.lens, centre=centre)
-    T = np.stack([_pose(conditions, rng) for _ in range(conditions.views)])
+    T = np.stack([_board_pose(conditions, rng) for _ in range(conditions.views)])
     seen = observe(camera, points, T, sigma_px=conditions.noise_px, rng=rng)
     views = seen.views
     if conditions.only is not None:
@@ -148,7 +148,7 @@ def _case(points: Array, conditions: Conditions) -> Case:
     return Case(views, IMAGE_SIZE, told, 1.0, camera, T)
 
 
-def _pose(conditions: Conditions, rng: np.random.Generator) -> Array:
+def _board_pose(conditions: Conditions, rng: np.random.Generator) -> Array:
     tilt, around = np.deg2rad(rng.uniform(*conditions.tilt_deg)), rng.uniform(0, 2 * np.pi)
     R = so3.exp(tilt * np.array([np.cos(around), np.sin(around), 0])) @ so3.exp([0, 0, rng.uniform(-np.pi, np.pi)])
     x, y = rng.uniform(*ASIDE, 2) * rng.choice([-1.0, 1.0], 2)

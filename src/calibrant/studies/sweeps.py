@@ -92,7 +92,7 @@ def sweep(one: Sweep, conditions: Conditions, *, trials: int, step: Callable[[],
                 outcomes = [study_methods.outcome(method, case) for case in cases]
                 found[use + method.name].append(study_methods.summary(outcomes))
         step()
-    return Swept(one, trials, tuple(_row(m, found[m.use + m.name]) for m in methods))
+    return Swept(one, trials, tuple(_sweep_row(m, found[m.use + m.name]) for m in methods))
 
 
 def _scene(use: Use, conditions: Conditions) -> Any:
@@ -102,5 +102,5 @@ def _scene(use: Use, conditions: Conditions) -> Any:
     return plane_case(single) if use == PLANE else solid_case(single)
 
 
-def _row(method: Method, found: list[tuple[Outcome, int]]) -> Row:
+def _sweep_row(method: Method, found: list[tuple[Outcome, int]]) -> Row:
     return Row(method.name, method.use, tuple(o for o, _ in found), tuple(n for _, n in found))

@@ -140,7 +140,7 @@ def _markers(entries: Any) -> Iterator[tuple[int, Array]]:
             yield entry["id"], _square(entry["corners"], what)
         else:
             side = parse_length(str(entry.get("side", "")), what=f"{what}: side")
-            yield entry["id"], se3.apply(_pose(entry, what), side * _UNIT_SQUARE)
+            yield entry["id"], se3.apply(_marker_pose(entry, what), side * _UNIT_SQUARE)
 
 
 def _cubes(entries: Any) -> Iterator[tuple[int, Array]]:
@@ -159,7 +159,7 @@ def _cubes(entries: Any) -> Iterator[tuple[int, Array]]:
                 continue
             y, z = _DOWN[face], _INWARDS[face]
             T_cube_marker = se3.make(np.column_stack([np.cross(y, z), y, z]), -0.5 * side * z)
-            yield marker_id, se3.apply(_pose(entry, what) @ T_cube_marker, marker * _UNIT_SQUARE)
+            yield marker_id, se3.apply(_marker_pose(entry, what) @ T_cube_marker, marker * _UNIT_SQUARE)
 
 
 def _list(entries: Any, name: str) -> list[Mapping[str, Any]]:
@@ -174,7 +174,7 @@ def _known(entry: Mapping[str, Any], names: Sequence[str], what: str) -> None:
         raise InputError(f"{what}: unknown key {unknown[0]!r}; known keys: {', '.join(names)}")
 
 
-def _pose(entry: Mapping[str, Any], what: str) -> Array:
+def _marker_pose(entry: Mapping[str, Any], what: str) -> Array:
     """T_target_x (4, 4) of an entry's position and turn."""
     position = _position(entry.get("position", [0, 0, 0]), f"{what}: position")
     if "quaternion_xyzw" in entry:

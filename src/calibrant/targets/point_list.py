@@ -65,10 +65,10 @@ def parse(fields: Sequence[str]) -> PointList:
     name, scale = split_scale(fields)
     if not name:
         raise InputError(f"a list of points needs its file: {SYNTAX}")
-    return PointList(name, _read(Path(name)), scale)
+    return PointList(name, _read_points(Path(name)), scale)
 
 
-def _read(path: Path) -> tuple[tuple[int, float, float, float], ...]:
+def _read_points(path: Path) -> tuple[tuple[int, float, float, float], ...]:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
@@ -84,7 +84,7 @@ def _read(path: Path) -> tuple[tuple[int, float, float, float], ...]:
             f"points file {path} has the columns {', '.join(names) or 'none'}; expected x,y,z in metres, or "
             "x_mm,y_mm,z_mm"
         )
-    rows = [_row(row, units[0], i, path) for i, row in enumerate(reader)]
+    rows = [_listed_point(row, units[0], i, path) for i, row in enumerate(reader)]
     if len(rows) < 4 or len({r[0] for r in rows}) < len(rows):
         raise InputError(f"points file {path}: expected at least 4 points with ids of their own, got {len(rows)} rows")
     return tuple(rows)
@@ -93,7 +93,7 @@ def _read(path: Path) -> tuple[tuple[int, float, float, float], ...]:
 _UNITS = {"": 1.0, "_mm": 1e-3}
 
 
-def _row(row: dict[str, str], unit: str, index: int, path: Path) -> tuple[int, float, float, float]:
+def _listed_point(row: dict[str, str], unit: str, index: int, path: Path) -> tuple[int, float, float, float]:
     try:
         x, y, z = (_UNITS[unit] * float(row[f"{axis}{unit}"]) for axis in "xyz")
         label = int(row["id"]) if "id" in row else index

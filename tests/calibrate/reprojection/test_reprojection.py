@@ -1,4 +1,4 @@
-"""The reprojection factor: Jacobians through every chain, and compiled kernels against their NumPy form."""
+"""The reprojection factor: Jacobians through every product of links, and compiled kernels against their NumPy form."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SCENE = intrinsics_scene(VIEWS, seed=3, columns=5, rows=4)
 RNG = np.random.default_rng(0)
 EYE = np.arange(VIEWS)
 ONE = np.zeros(VIEWS, dtype=np.int64)
-CHAINS = {
+LINKS = {
     "plain": [Link("T", EYE)],
     "inverted": [Link("T", EYE, inverted=True)],
     "rig": [Link("A", ONE), Link("T", EYE)],
@@ -32,38 +32,38 @@ CHAINS = {
 }
 
 
-def values_for(chain: list[Link]) -> list[np.ndarray]:
+def values_for(links: list[Link]) -> list[np.ndarray]:
     """Random links whose product is near the scene's poses, so that every point stays in front of the camera."""
-    values = [se3.exp(0.3 * RNG.normal(size=(1 if link.indices is ONE else VIEWS, 6))) for link in chain]
-    k = next(i for i, link in enumerate(chain) if link.variable == "T")
+    values = [se3.exp(0.3 * RNG.normal(size=(1 if link.indices is ONE else VIEWS, 6))) for link in links]
+    k = next(i for i, link in enumerate(links) if link.variable == "T")
     spread = [np.broadcast_to(v, (VIEWS, 4, 4)) for v in values]
-    left = product(chain[:k], spread[:k])
-    right = product(chain[k + 1 :], spread[k + 1 :])
+    left = product(links[:k], spread[:k])
+    right = product(links[k + 1 :], spread[k + 1 :])
     middle = se3.inverse(left) @ SCENE.T_camera_target @ se3.inverse(right)
-    values[k] = se3.inverse(middle) if chain[k].inverted else middle
+    values[k] = se3.inverse(middle) if links[k].inverted else middle
     return [np.ascontiguousarray(np.broadcast_to(v, (VIEWS, 4, 4))) for v in values]
 
 
 def make(
-    chain: list[Link], *, modes: bool, loss: Loss | None = None, views: StackedViews | None = None
+    links: list[Link], *, modes: bool, loss: Loss | None = None, views: StackedViews | None = None
 ) -> ReprojectionFactor:
     stacked = views or stack(SCENE.observations.views)
     deform = TargetModes("m", np.stack([stacked.points, stacked.points[:, [2, 2, 0]]])) if modes else None
     return ReprojectionFactor(
-        "r", model=SCENE.camera.model, camera="camera", chain=chain, views=stacked, modes=deform, loss=loss
+        "r", model=SCENE.camera.model, camera="camera", links=links, views=stacked, modes=deform, loss=loss
     )
 
 
-def arguments(chain: list[Link], *, modes: bool) -> list[np.ndarray]:
+def arguments(links: list[Link], *, modes: bool) -> list[np.ndarray]:
     camera = np.tile(SCENE.camera.values, (VIEWS, 1))
-    return [*values_for(chain), camera, *([np.tile([0.01, -0.02], (VIEWS, 1))] if modes else [])]
+    return [*values_for(links), camera, *([np.tile([0.01, -0.02], (VIEWS, 1))] if modes else [])]
 
 
 @pytest.mark.parametrize("modes", [False, True], ids=["rigid", "modes"])
-@pytest.mark.parametrize("name", CHAINS)
+@pytest.mark.parametrize("name", LINKS)
 def test_jacobians_against_central_differences(name: str, modes: bool) -> None:
-    chain = CHAINS[name]
-    factor, values = make(chain, modes=modes), arguments(chain, modes=modes)
+    links = LINKS[name]
+    factor, values = make(links, modes=modes), arguments(links, modes=modes)
     r, jacobians = factor.linearize(*values)
     np.testing.assert_allclose(factor.residuals(*values), r, atol=1e-9)
     for slot, J in enumerate(jacobians):
@@ -85,10 +85,10 @@ def test_jacobians_against_central_differences(name: str, modes: bool) -> None:
     "loss", [squared(), huber(1.0), cauchy(1.0), geman_mcclure(2.0)], ids=["l2", "huber", "cauchy", "gm"]
 )
 @pytest.mark.parametrize("modes", [False, True], ids=["rigid", "modes"])
-@pytest.mark.parametrize("name", CHAINS)
+@pytest.mark.parametrize("name", LINKS)
 def test_compiled_blocks_equal_the_numpy_form(name: str, modes: bool, loss: Loss) -> None:
-    chain = CHAINS[name]
-    factor, values = make(chain, modes=modes, loss=loss), arguments(chain, modes=modes)
+    links = LINKS[name]
+    factor, values = make(links, modes=modes, loss=loss), arguments(links, modes=modes)
     compiled, plain = factor.blocks(values, sigma=0.2), Factor.blocks(factor, values, sigma=0.2)
     assert compiled.cost == pytest.approx(plain.cost, rel=1e-11)
     for a, b in zip(compiled.gradient, plain.gradient):
@@ -105,7 +105,7 @@ def test_every_model_through_the_kernels(model: object) -> None:
     some = {"fx": 800.0, "fy": 790.0, "cx": 640.0, "cy": 500.0, "f": 800.0}
     parameters = np.array([some.get(n, 0.01 if i % 2 else 0.02) for i, n in enumerate(names)])
     stacked = stack(SCENE.observations.views)
-    factor = ReprojectionFactor("r", model=model, camera="camera", chain=CHAINS["plain"], views=stacked)  # type: ignore[arg-type]
+    factor = ReprojectionFactor("r", model=model, camera="camera", links=LINKS["plain"], views=stacked)  # type: ignore[arg-type]
     values = [SCENE.T_camera_target, np.tile(parameters, (VIEWS, 1))]
     r = factor.linearize(*values)[0]
     if not np.isfinite(r).all():
@@ -133,11 +133,11 @@ def test_threads_do_not_change_a_bit(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_camera_for_every_view() -> None:
-    chain = CHAINS["plain"]
+    links = LINKS["plain"]
     stacked = stack(SCENE.observations.views)
     cameras = np.array([0, 1, 1, 0, 1])
     factor = ReprojectionFactor(
-        "r", model=SCENE.camera.model, camera="camera", chain=chain, views=stacked, camera_indices=cameras
+        "r", model=SCENE.camera.model, camera="camera", links=links, views=stacked, camera_indices=cameras
     )
     two = np.stack([SCENE.camera.values, SCENE.camera.values * 1.01])
     values = [SCENE.T_camera_target, two[cameras]]
@@ -150,7 +150,7 @@ def test_a_camera_for_every_view() -> None:
 def test_points_behind_the_camera_have_no_finite_cost() -> None:
     T = SCENE.T_camera_target.copy()
     T[2, 2, 3] = -1.0
-    factor = make(CHAINS["plain"], modes=False)
+    factor = make(LINKS["plain"], modes=False)
     camera = np.tile(SCENE.camera.values, (VIEWS, 1))
     assert not np.isfinite(factor.blocks([T, camera], sigma=1.0).cost)
     assert not np.isfinite(factor.residuals(T, camera)).all()
@@ -175,14 +175,14 @@ def test_relative_sigmas_have_a_mean_weight_of_one() -> None:
     assert sigma[20] / sigma[0] == pytest.approx(2.0)
 
 
-@pytest.mark.parametrize("name", CHAINS)
+@pytest.mark.parametrize("name", LINKS)
 def test_link_maps_are_derivatives_of_the_product(name: str) -> None:
-    chain = CHAINS[name]
-    values = values_for(chain)
-    T = product(chain, values)
-    for k, M in enumerate(link_maps(chain, values)):
+    links = LINKS[name]
+    values = values_for(links)
+    T = product(links, values)
+    for k, M in enumerate(link_maps(links, values)):
         for column, e in enumerate(np.eye(6)):
             v = list(values)
             v[k] = se3.retract(v[k], 1e-6 * e)
-            ahead = se3.local(T, product(chain, v)) / 1e-6
+            ahead = se3.local(T, product(links, v)) / 1e-6
             np.testing.assert_allclose(np.broadcast_to(M, (VIEWS, 6, 6))[:, :, column], ahead, atol=1e-5)

@@ -14,7 +14,7 @@ from calibrant.cli.application import run
 from calibrant.diagnose.doctor.diagnosis import diagnose_poses
 from calibrant.diagnose.doctor.repair import calibrate_repaired
 from calibrant.formats.poses.raw import RawPoses
-from calibrant.formats.poses.read import readings
+from calibrant.formats.poses.read import notations
 from calibrant.geometry import rotations, se3
 from calibrant.simulate.scenes import hand_eye_scene
 
@@ -65,7 +65,7 @@ def test_one_flip_in_fifteen_views_is_undone_to_within_the_stated_sigma() -> Non
         scene = hand_eye_scene("one-flip", views=15, seed=seed)
         T = scene.robot_poses.T_base_gripper
         raw = RawPoses(T[:, :3, 3], T[:, :3, :3], None, tuple(str(i) for i in range(15)))
-        found = diagnose_poses(readings(raw), scene.measured_T_camera_target, setup="eye-in-hand")
+        found = diagnose_poses(notations(raw), scene.measured_T_camera_target, setup="eye-in-hand")
         assert [f.name for f in found.findings if f.status != "ok"] == ["board-flipped"]
         repaired = calibrate_repaired(found).transforms[0]
         assert repaired.covariance is not None

@@ -1,4 +1,4 @@
-"""From files to findings: readings, orders and faults together, on simulated and on real data."""
+"""From files to findings: notations, orders and faults together, on simulated and on real data."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from calibrant.diagnose.doctor.diagnosis import Diagnosis, as_result, diagnose_p
 from calibrant.diagnose.doctor.repair import calibrate_repaired
 from calibrant.diagnose.doctor.timing import times_of_names
 from calibrant.errors import RefusedError
-from calibrant.formats.poses.read import PoseReading, read_poses, readings
+from calibrant.formats.poses.read import PoseNotation, notations, read_poses
 from calibrant.geometry import rotations, se3
 from calibrant.simulate.scenes import hand_eye_scene
 
@@ -26,8 +26,8 @@ TRIALS = 1
 """The benchmark makes 200 of each; one of each keeps the whole table under test."""
 
 
-def written(folder: Path, T: Array, *, order: str | None = None) -> tuple[PoseReading, ...]:
-    """Readings of poses written natively, or with Euler angles in degrees."""
+def written(folder: Path, T: Array, *, order: str | None = None) -> tuple[PoseNotation, ...]:
+    """Notations of poses written natively, or with Euler angles in degrees."""
     if order is None:
         header, turn = "qx,qy,qz,qw", rotations.quaternion_xyzw_from_matrix(T[:, :3, :3])
     else:
@@ -35,7 +35,7 @@ def written(folder: Path, T: Array, *, order: str | None = None) -> tuple[PoseRe
     rows = np.column_stack([T[:, :3, 3], turn])
     text = "\n".join(f"{i}.png," + ",".join(repr(float(x)) for x in row) for i, row in enumerate(rows))
     (folder / "poses.csv").write_text(f"image,x,y,z,{header}\n{text}\n")
-    return readings(read_poses(folder / "poses.csv"))
+    return notations(read_poses(folder / "poses.csv"))
 
 
 def names(found: Diagnosis) -> list[str]:

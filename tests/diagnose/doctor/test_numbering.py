@@ -12,7 +12,7 @@ from calibrant.calibrate.hand_eye.boards.turned import NAME, board_turns, turned
 from calibrant.data import Observations, RobotPoses
 from calibrant.diagnose.doctor.diagnosis import diagnose_views
 from calibrant.diagnose.doctor.repair import calibrate_repaired
-from calibrant.formats.poses.read import read_poses, readings
+from calibrant.formats.poses.read import notations, read_poses
 from calibrant.geometry import se3
 from calibrant.geometry.rotations import euler_from_matrix
 from calibrant.simulate.cell import poses_csv
@@ -47,7 +47,7 @@ def test_half_of_the_views_turned_is_settled_before_the_notation(setup: Setup, t
     poses, seen, X = cell(setup, 1)
     rows = [0, 2, 3, 7, 9, 11, 14]
     (tmp_path / "poses.csv").write_text(poses_csv(poses))
-    complete = readings(read_poses([str(tmp_path / "poses.csv")]))
+    complete = notations(read_poses([str(tmp_path / "poses.csv")]))
     found = diagnose_views(complete, half_turned(seen, rows), standard_camera(), camera_given=True)
     assert found.poses.setup == setup
     assert [(f.name, f.status) for f in found.findings if f.status != "ok"] == []
@@ -63,7 +63,7 @@ def test_half_of_the_views_turned_is_settled_before_the_notation(setup: Setup, t
 def test_right_numbering_says_nothing(tmp_path: Path) -> None:
     poses, seen, _ = cell("eye-in-hand", 2)
     (tmp_path / "poses.csv").write_text(poses_csv(poses))
-    complete = readings(read_poses([str(tmp_path / "poses.csv")]))
+    complete = notations(read_poses([str(tmp_path / "poses.csv")]))
     found = diagnose_views(complete, seen, standard_camera(), camera_given=True)
     assert found.named(NAME) == ()
 
@@ -74,9 +74,9 @@ def test_euler_angles_of_unknown_order_are_found_beside_the_numbering(tmp_path: 
     angles = euler_from_matrix(T[:, :3, :3], order="XYZ", unit="deg")
     rows = [",".join([n, *(f"{v:.9g}" for v in (*t, *a))]) for n, t, a in zip(poses.ids, T[:, :3, 3], angles)]
     (tmp_path / "poses.csv").write_text("image,x,y,z,a,b,c\n" + "\n".join(rows) + "\n")
-    complete = readings(read_poses([str(tmp_path / "poses.csv")]))
+    complete = notations(read_poses([str(tmp_path / "poses.csv")]))
     assert len({r.rotation for r in complete}) > 3
     found = diagnose_views(complete, half_turned(seen, [1, 2, 4, 8, 9, 13]), standard_camera(), camera_given=True)
-    assert found.poses.reading.rotation == "euler:XYZ"
+    assert found.poses.notation.rotation == "euler:XYZ"
     assert len(found.named(NAME)[0].views) == 6
     assert found.sound

@@ -16,7 +16,7 @@ from calibrant.data import Observations, RobotPoses
 from calibrant.detection import detect
 from calibrant.diagnose.doctor import case_of_views, markers
 from calibrant.diagnose.doctor.diagnosis import diagnose_views
-from calibrant.formats.poses.read import read_poses, readings
+from calibrant.formats.poses.read import notations, read_poses
 from calibrant.geometry import se3
 from calibrant.simulate.render import render
 from calibrant.simulate.scenes import look_at_board, standard_camera
@@ -59,14 +59,14 @@ def dots(image: NDArray[np.uint8]) -> Array:
 
 @pytest.fixture(scope="module")
 def circles(shared_data: Callable[[str], Path]) -> tuple[tuple, Observations]:
-    """Readings of the poses and observations of the 15 pictures."""
+    """Notations of the poses and observations of the 15 pictures."""
     folder = shared_data("handeye_rct_circles_eih")
     names = [str(i) for i in range(15)]
     row, column = np.divmod(np.arange(100), 10)
     points = np.column_stack([column * SPACING, row * SPACING, np.zeros(100)])
     uv = [dots(cv2.imread(str(folder / "images" / f"{i}.png"), cv2.IMREAD_GRAYSCALE)) for i in names]
     observations = Observations.from_points([points] * 15, uv, image_size=(640, 480), ids=names)
-    complete = readings(read_poses(str(folder / "poses" / "*.yaml")))
+    complete = notations(read_poses(str(folder / "poses" / "*.yaml")))
     order = [complete[0].ids.index(i) for i in names]
     return tuple(r.take(order) for r in complete), observations
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from calibrant.diagnose.conventions.decide import Setup, robot_side
 from calibrant.diagnose.doctor.target_notation import decide_target_notation
 from calibrant.errors import RefusedError
-from calibrant.formats.poses.read import PoseReading, read_poses, readings
+from calibrant.formats.poses.read import PoseNotation, notations, read_poses
 from calibrant.geometry import se3, so3
 
 Array = NDArray[np.float64]
@@ -38,11 +38,11 @@ def numbers(T: Array, notation: str, angle: str) -> Array:
     return np.asarray(turn.as_euler(notation.removeprefix("euler:"), degrees=degrees))
 
 
-def written(path: Path, T: Array, notation: str, angle: str, per_metre: float, header: str) -> tuple[PoseReading, ...]:
+def written(path: Path, T: Array, notation: str, angle: str, per_metre: float, header: str) -> tuple[PoseNotation, ...]:
     table = np.column_stack([T[:, :3, 3] * per_metre, numbers(T, notation, angle)])
     path.write_text("\n".join([header, *(",".join(f"{v:.9f}" for v in row) for row in table)]) + "\n")
     direction = "base-gripper" if path.stem == "target" else "auto"
-    return readings(read_poses(path), direction=direction)
+    return notations(read_poses(path), direction=direction)
 
 
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
@@ -63,8 +63,8 @@ def test_both_notations_are_found_together(
     complete = written(tmp_path / "robot.csv", robot, robot_is, angle, 1000.0, header)
     of_target = written(tmp_path / "target.csv", target, target_is, angle, per_metre, header)
     found = decide_target_notation(complete, of_target)
-    np.testing.assert_allclose(found.reading.T_base_gripper, target, atol=1e-6)
-    if found.reading is not of_target[0]:
+    np.testing.assert_allclose(found.notation.T_base_gripper, target, atol=1e-6)
+    if found.notation is not of_target[0]:
         assert found.finding is not None
         assert "instead of" in found.finding.message
 
@@ -75,7 +75,7 @@ def test_poses_that_fit_nothing_are_read_as_they_are_usually_meant(tmp_path: Pat
     mixed = target[np.random.default_rng(3).permutation(14)]
     of_target = written(tmp_path / "target.csv", mixed, "rotvec", "rad", 1.0, "x,y,z,a,b,c")
     found = decide_target_notation(complete, of_target)
-    assert found.reading is of_target[0]
+    assert found.notation is of_target[0]
     assert found.finding is None
 
 

@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from calibrant.errors import InputError
-from calibrant.formats.poses.read import read_poses, readings
+from calibrant.formats.poses.read import notations, read_poses
 from calibrant.geometry import rotations, se3, so3
 
 T = se3.make(so3.random(np.random.default_rng(8), 3), [[0.5, -0.25, 0.75], [0.4, 0.1, 0.6], [-0.3, 0.2, 0.9]])
@@ -67,7 +67,7 @@ def test_every_document_gives_the_same_poses(tmp_path: Path, document: str, synt
     data = DOCUMENTS[document]
     path.write_text(json.dumps(data) if syntax == "json" else yaml.safe_dump(data))
     raw = read_poses(path)
-    np.testing.assert_allclose(readings(raw)[0].T_base_gripper, T, atol=1e-12)
+    np.testing.assert_allclose(notations(raw)[0].T_base_gripper, T, atol=1e-12)
 
 
 def test_what_keys_state_is_kept(tmp_path: Path) -> None:
@@ -81,7 +81,7 @@ def test_what_keys_state_is_kept(tmp_path: Path) -> None:
         raw = read_poses(path)
         assert raw.stated.direction == direction
         assert raw.names == ("0.png", "1.png", "2.png")
-        assert readings(raw)[0].direction == direction
+        assert notations(raw)[0].direction == direction
 
 
 def test_pairs_give_target_poses_too(tmp_path: Path) -> None:
@@ -94,8 +94,8 @@ def test_pairs_give_target_poses_too(tmp_path: Path) -> None:
         path.write_text(json.dumps(data))
         raw = read_poses(path)
         assert raw.target is not None
-        np.testing.assert_allclose(readings(raw)[0].T_base_gripper, T, atol=1e-12)
-        np.testing.assert_allclose(readings(raw.target)[0].T_base_gripper, B, atol=1e-12)
+        np.testing.assert_allclose(notations(raw)[0].T_base_gripper, T, atol=1e-12)
+        np.testing.assert_allclose(notations(raw.target)[0].T_base_gripper, B, atol=1e-12)
 
 
 def test_opencv_matrices_are_read(tmp_path: Path) -> None:
@@ -107,7 +107,7 @@ def test_opencv_matrices_are_read(tmp_path: Path) -> None:
         storage.release()
         raw = read_poses(path)
         assert raw.names == ("pose0", "pose1", "pose2")
-        np.testing.assert_allclose(readings(raw)[0].T_base_gripper, T, atol=1e-12)
+        np.testing.assert_allclose(notations(raw)[0].T_base_gripper, T, atol=1e-12)
 
 
 def test_one_file_a_pose_in_natural_order(tmp_path: Path) -> None:
@@ -117,7 +117,7 @@ def test_one_file_a_pose_in_natural_order(tmp_path: Path) -> None:
     for given in (tmp_path, str(tmp_path / "*.yaml"), [tmp_path / "10.yaml", tmp_path / "1.yaml", tmp_path / "2.yaml"]):
         raw = read_poses(given)
         assert raw.names == ("1", "2", "10")
-        np.testing.assert_allclose(readings(raw)[0].T_base_gripper, T, atol=1e-12)
+        np.testing.assert_allclose(notations(raw)[0].T_base_gripper, T, atol=1e-12)
 
 
 def test_4x4_text_files_are_one_pose_each(tmp_path: Path) -> None:
@@ -125,7 +125,7 @@ def test_4x4_text_files_are_one_pose_each(tmp_path: Path) -> None:
         np.savetxt(tmp_path / f"pose_{i}.txt", T[i], fmt="%.17g")
     raw = read_poses(tmp_path)
     assert raw.names == ("pose_0", "pose_1", "pose_2")
-    np.testing.assert_allclose(readings(raw)[0].T_base_gripper, T, atol=1e-12)
+    np.testing.assert_allclose(notations(raw)[0].T_base_gripper, T, atol=1e-12)
 
 
 def test_a_list_that_names_pose_files_is_followed(tmp_path: Path) -> None:
@@ -133,7 +133,7 @@ def test_a_list_that_names_pose_files_is_followed(tmp_path: Path) -> None:
     (tmp_path / "list.yaml").write_text(yaml.safe_dump([{"pose": "a.yaml", "image": "images/a.png"}]))
     raw = read_poses(tmp_path / "list.yaml")
     assert raw.names == ("images/a.png",)
-    np.testing.assert_allclose(readings(raw)[0].T_base_gripper, T[:1], atol=1e-12)
+    np.testing.assert_allclose(notations(raw)[0].T_base_gripper, T[:1], atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -229,9 +229,9 @@ def test_a_folder_a_pose_with_what_solve_pnp_found_beside_it(tmp_path: Path) -> 
         (tmp_path / str(i) / "data.json").write_text(json.dumps(entry))
     raw = read_poses(str(tmp_path / "*" / "data.json"))
     assert raw.names == ("0/data", "1/data", "2/data")
-    np.testing.assert_allclose(readings(raw)[0].T_base_gripper, T, atol=1e-12)
+    np.testing.assert_allclose(notations(raw)[0].T_base_gripper, T, atol=1e-12)
     assert raw.target is not None
-    np.testing.assert_allclose(readings(raw.target)[0].T_base_gripper, T[::-1], atol=1e-12)
+    np.testing.assert_allclose(notations(raw.target)[0].T_base_gripper, T[::-1], atol=1e-12)
     (tmp_path / "1" / "data.json").write_text(json.dumps({"O_T_EE": T[1].ravel().tolist()}))
     with pytest.raises(InputError, match="without a target pose, which other files have; 1 of 3 files"):
         read_poses(str(tmp_path / "*" / "data.json"))
@@ -251,8 +251,8 @@ def test_pairs_by_the_names_that_capture_programs_use(tmp_path: Path, keys: tupl
     (tmp_path / "samples.json").write_text(json.dumps({"samples": samples, "method": "PARK"}))
     raw = read_poses(tmp_path / "samples.json")
     assert raw.target is not None
-    np.testing.assert_allclose(readings(raw)[0].T_base_gripper, T, atol=1e-12)
-    np.testing.assert_allclose(readings(raw.target)[0].T_base_gripper, T[::-1], atol=1e-12)
+    np.testing.assert_allclose(notations(raw)[0].T_base_gripper, T, atol=1e-12)
+    np.testing.assert_allclose(notations(raw.target)[0].T_base_gripper, T[::-1], atol=1e-12)
 
 
 def test_pairs_as_numbered_matrices_of_one_file(tmp_path: Path) -> None:
@@ -264,5 +264,5 @@ def test_pairs_as_numbered_matrices_of_one_file(tmp_path: Path) -> None:
     storage.release()
     raw = read_poses(tmp_path / "samples.yml")
     assert raw.target is not None
-    np.testing.assert_allclose(readings(raw)[0].T_base_gripper, T, atol=1e-12)
-    np.testing.assert_allclose(readings(raw.target)[0].T_base_gripper, T[::-1], atol=1e-12)
+    np.testing.assert_allclose(notations(raw)[0].T_base_gripper, T, atol=1e-12)
+    np.testing.assert_allclose(notations(raw.target)[0].T_base_gripper, T[::-1], atol=1e-12)

@@ -9,7 +9,7 @@ import pytest
 
 from calibrant.errors import InputError
 from calibrant.formats.poses.measurements import read_measurements
-from calibrant.formats.poses.read import read_poses, readings
+from calibrant.formats.poses.read import notations, read_poses
 from calibrant.robots.arms import arm
 
 UR = arm("ur5e")
@@ -25,7 +25,7 @@ def poses_of(path: Path, text: str, *, suffix: str = ".csv", joint_angle: str = 
     file = path / f"joints{suffix}"
     file.write_text(text)
     raw = read_poses(file, robot=UR, joint_angle=joint_angle)
-    found = readings(raw)
+    found = notations(raw)
     assert len(found) == 1
     return found[0].T_base_gripper
 

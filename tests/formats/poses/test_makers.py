@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from calibrant.errors import InputError
-from calibrant.formats.poses.read import read_poses, readings
+from calibrant.formats.poses.read import notations, read_poses
 from calibrant.geometry import rotations, so3
 
 
 def pose(path: Path, text: str, maker: str, *, suffix: str = ".txt") -> np.ndarray:
     file = path / f"poses{suffix}"
     file.write_text(text)
-    found = readings(read_poses(file, maker=maker))
-    assert len(found) == 1, "a maker's format leaves one reading"
+    found = notations(read_poses(file, maker=maker))
+    assert len(found) == 1, "a maker's format leaves one notation"
     return found[0].T_base_gripper
 
 
@@ -78,7 +78,7 @@ P[2]{
     file.write_text(text)
     raw = read_poses(file, maker="fanuc")
     assert raw.names == ("P1", "P2")
-    T = readings(raw)[0].T_base_gripper
+    T = notations(raw)[0].T_base_gripper
     assert np.allclose(T[0, :3, 3], [0.807, -0.0125, 0.33])
     # W first about the fixed x, then P about the fixed y, then R about the fixed z: R = Rz(R) Ry(P) Rx(W).
     turns = [rotations.matrix_from_axis_angle(np.eye(3)[k], a, unit="deg") for k, a in enumerate((10, 20, 30))]
@@ -115,5 +115,5 @@ def test_unknown_makers_and_explicit_options(tmp_path: Path) -> None:
     file.write_text("0.5 0 0.8 10 20 30\n")
     with pytest.raises(InputError, match="unknown robot format 'kuca'; known: ur, franka, kuka"):
         read_poses(file, maker="kuca")
-    T = readings(read_poses(file, maker="kuka", units="m"))[0].T_base_gripper[0]
+    T = notations(read_poses(file, maker="kuka", units="m"))[0].T_base_gripper[0]
     assert np.allclose(T[:3, 3], [0.5, 0, 0.8])

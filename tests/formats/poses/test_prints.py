@@ -12,7 +12,7 @@ import yaml
 from numpy.typing import NDArray
 
 from calibrant.errors import InputError
-from calibrant.formats.poses.read import read_poses, readings
+from calibrant.formats.poses.read import notations, read_poses
 from calibrant.geometry import rotations, so3
 from calibrant.simulate.scenes import hand_eye_scene
 
@@ -74,8 +74,8 @@ PRINTS: dict[str, str] = {
 
 
 def closest(path: Path) -> float:
-    """Largest element by which the reading nearest to the truth differs from it."""
-    found = readings(read_poses(path))
+    """Largest element by which the notation nearest to the truth differs from it."""
+    found = notations(read_poses(path))
     return min(float(np.abs(r.T_base_gripper - T).max()) for r in found if r.T_base_gripper.shape == T.shape)
 
 
@@ -106,8 +106,8 @@ def test_pairs_of_arrays_and_of_easy_handeye(tmp_path: Path) -> None:
     for name in ("pairs.npz", "samples.yaml"):
         raw = read_poses(tmp_path / name)
         assert raw.target is not None
-        np.testing.assert_allclose(readings(raw)[0].T_base_gripper, T, atol=1e-12)
-        np.testing.assert_allclose(readings(raw.target)[0].T_base_gripper, T[::-1], atol=1e-12)
+        np.testing.assert_allclose(notations(raw)[0].T_base_gripper, T, atol=1e-12)
+        np.testing.assert_allclose(notations(raw.target)[0].T_base_gripper, T[::-1], atol=1e-12)
 
 
 def broken_print(path: Path) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibrant.errors import InputError
-from calibrant.formats.poses.read import read_poses, readings
+from calibrant.formats.poses.read import notations, read_poses
 from calibrant.geometry import rotations, se3, so3
 
 T = se3.make(so3.random(np.random.default_rng(5), 3), [[0.5, -0.25, 0.75], [0.4, 0.1, 0.6], [-0.3, 0.2, 0.9]])
@@ -30,9 +30,9 @@ def table(*columns: np.ndarray, separator: str = ",", names: bool = False) -> st
 
 
 def first(path: Path, text: str, **options: str) -> np.ndarray:
-    """Poses by the most believable reading."""
+    """Poses by the most believable notation."""
     path.write_text(text, encoding="utf-8")
-    return readings(read_poses(path, **options))[0].T_base_gripper
+    return notations(read_poses(path, **options))[0].T_base_gripper
 
 
 FLAT = T.reshape(3, 16)
@@ -171,7 +171,7 @@ def test_latin_1_and_utf_16_files_are_read(tmp_path: Path) -> None:
     for encoding in ("latin-1", "utf-16"):
         path = tmp_path / f"{encoding}.csv"
         path.write_bytes(text.encode(encoding))
-        np.testing.assert_allclose(readings(read_poses(path))[0].T_base_gripper, T, atol=1e-12)
+        np.testing.assert_allclose(notations(read_poses(path))[0].T_base_gripper, T, atol=1e-12)
 
 
 def test_rows_that_say_whose_they_are_make_pairs(tmp_path: Path) -> None:

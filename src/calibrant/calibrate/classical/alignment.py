@@ -59,7 +59,7 @@ def align_coplanar(xy: Array, image: Array, *, aspect: float, scale: Scale) -> A
     block = found.values[[0, 1, 3, 4]].reshape(2, 2)
     known = [0, 1, 3, 4]
     refuse_facing(*lean_of(block, found.covariance[np.ix_(known, known)]))
-    h = _scaled(found, M, scale, block_scale(block), _size(xy))
+    h = _scaled(found, M, scale, block_scale(block), _size_of_points(xy))
     h = h * block_scale(h[[0, 1, 3, 4]].reshape(2, 2))
     h = h * agreeing_sign(xy @ h[:2] + h[2], xy @ h[3:5] + h[5], X, Y)
     return Alignment(rotation_of_block(h[[0, 1, 3, 4]].reshape(2, 2)), h[[2, 5]], aspect)
@@ -76,7 +76,7 @@ def align(points: Array, image: Array, *, scale: Scale) -> Alignment:
     X, Y = image[:, :1], image[:, 1:]
     M = np.hstack([points * Y, Y, -points * X, -X])
     found = _solved(M)
-    h = _scaled(found, M, scale, 1 / float(np.linalg.norm(found.values[4:7])), _size(points))
+    h = _scaled(found, M, scale, 1 / float(np.linalg.norm(found.values[4:7])), _size_of_points(points))
     h = h / np.linalg.norm(h[4:7])
     s = float(np.linalg.norm(h[:3]))
     h[:4] /= s
@@ -188,5 +188,5 @@ def agreeing_sign(x: Array, y: Array, X: Array, Y: Array) -> float:
     return 1.0 if float(x @ X + y @ Y) >= 0 else -1.0
 
 
-def _size(points: Array) -> float:
+def _size_of_points(points: Array) -> float:
     return float(np.linalg.norm(np.ptp(points, axis=0)))

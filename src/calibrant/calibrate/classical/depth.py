@@ -101,7 +101,7 @@ def finished(
         found = Depth(-found.fx, -found.t_z, found.term)
     _refuse_behind(found, rows)
     if radial in ("inverse_brown", "brown"):
-        found = _refined(found, rows, distorts=radial == "brown")
+        found = _refined_depth(found, rows, distorts=radial == "brown")
         _refuse_behind(found, rows)
     camera = radial_camera(
         radial, fx=found.fx, aspect=alignment.aspect, term=found.term, centre=centre, image_size=image_size
@@ -126,7 +126,7 @@ def _refuse_behind(found: Depth, rows: Aligned) -> None:
         )
 
 
-def _refined(start: Depth, rows: Aligned, *, distorts: bool) -> Depth:
+def _refined_depth(start: Depth, rows: Aligned, *, distorts: bool) -> Depth:
     """(f_x, t_z, term) with the least squared error in pixels, by Gauss-Newton with halved steps where one is too long.
 
     distorts: slide 47, residuals of seen pixels; else slide 49, residuals of undistorted pixels.

@@ -131,8 +131,8 @@ def _align(xy: Array, image: Array, axes: Axes, *, aspect: float) -> Alignment:
     X0, Y0 = X[axes.origin], Y[axes.origin]
     _refuse_on_row(Y0, OFF_CENTRE * float(np.ptp(image)))
     v3 = X0 / Y0
-    first = _axis(xy[axes.x, 0], X[axes.x], Y[axes.x], v3)
-    second = _axis(xy[axes.y, 1], X[axes.y], Y[axes.y], v3)
+    first = _axis_fit(xy[axes.x, 0], X[axes.x], Y[axes.x], v3)
+    second = _axis_fit(xy[axes.y, 1], X[axes.y], Y[axes.y], v3)
     spare = first.spare + second.spare
     noise = np.sqrt((first.misfit + second.misfit) / spare) if spare > 0 else 0.0
     _refuse_on_row(Y0, SIGMAS * noise)
@@ -168,7 +168,7 @@ def _refuse_on_row(Y0: float, least: float) -> None:
         )
 
 
-def _axis(along: Array, X: Array, Y: Array, v3: float) -> AxisFit:
+def _axis_fit(along: Array, X: Array, Y: Array, v3: float) -> AxisFit:
     """The fit of one axis. A pixel's error moves its equation by (1 + along v4) dX - (v3 + along v1) dY."""
     columns, right = along[:, None] * np.stack([Y, -X], axis=1), X - v3 * Y
     v = np.array(_two_unknowns(columns, right))

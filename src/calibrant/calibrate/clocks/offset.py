@@ -139,8 +139,8 @@ def estimate_time_offset(
     offset may lie beyond `largest`.
     """
     place = get_setup(setup)
-    t_robot, A = _checked(robot_times, T_base_gripper, "robot")
-    t_camera, B = _checked(camera_times, T_camera_target, "camera")
+    t_robot, A = _checked_series(robot_times, T_base_gripper, "robot")
+    t_camera, B = _checked_series(camera_times, T_camera_target, "camera")
     spline = PoseSpline(t_robot, A)
     found: list[TimeOffset] = []
     failure: RefusedError | None = None
@@ -198,14 +198,14 @@ def _answer(
 ) -> TimeOffset:  # fmt: skip
     solution, t, B = estimate.solution, factors[0].t, factors[0].B
     X, Z, offset = solution.value("X")[0], solution.value("Z")[0], float(solution.value("offset")[0, 0])
-    covariance = _covariance(factors, estimate, lags)
+    covariance = _offset_covariance(factors, estimate, lags)
     mm, deg = (
         unit * float(np.sqrt(np.mean(np.sum(solution.residuals(noise) ** 2, axis=1))))
         for noise, unit in ((LOOP_TRANSLATION, 1e3), (LOOP_ROTATION, 180 / np.pi))
     )
     robot = spline.pose(t + offset)
     unshifted = place.normal_form(spline.pose(np.clip(t, spline.start, spline.end))) @ X @ B
-    moved = max(_spread(robot[:, :3, 3]), _spread(B[:, :3, 3]))
+    moved = max(_spread_of_points(robot[:, :3, 3]), _spread_of_points(B[:, :3, 3]))
     turned = np.sqrt(np.mean(so3.angle(robot[:, :3, :3] @ robot[len(robot) // 2, :3, :3].T) ** 2))
     return TimeOffset(
         offset=offset,
@@ -216,13 +216,13 @@ def _answer(
         noise=dict(estimate.levels),
         rms_mm=mm,
         rms_deg=deg,
-        at_zero_mm=1e3 * _spread(unshifted[:, :3, 3]),
+        at_zero_mm=1e3 * _spread_of_points(unshifted[:, :3, 3]),
         unexplained=float(max(1e-3 * mm / moved, np.deg2rad(deg) / turned)),
         used=used,
     )
 
 
-def _covariance(factors: tuple[_LoopFactor, ...], estimate: NoiseEstimate, lags: int) -> Array:
+def _offset_covariance(factors: tuple[_LoopFactor, ...], estimate: NoiseEstimate, lags: int) -> Array:
     """Covariance (13, 13) of X, Z and offset."""
     solution = estimate.solution
     X, Z, offset = (solution.value(name) for name in ("X", "Z", "offset"))
@@ -243,7 +243,7 @@ def _covariance(factors: tuple[_LoopFactor, ...], estimate: NoiseEstimate, lags:
     )
 
 
-def _spread(points: Array) -> float:
+def _spread_of_points(points: Array) -> float:
     """Root mean square distance of points (n, 3) from their mean."""
     return float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))))
 
@@ -271,7 +271,7 @@ def _require_one(found: list[TimeOffset]) -> None:
             )
 
 
-def _checked(times: ArrayLike, poses: ArrayLike, who: str) -> tuple[Array, Array]:
+def _checked_series(times: ArrayLike, poses: ArrayLike, who: str) -> tuple[Array, Array]:
     t = np.asarray(times, dtype=np.float64)
     T = se3.check(poses, name=f"{who} poses")
     if t.ndim != 1 or T.shape != (len(t), 4, 4):

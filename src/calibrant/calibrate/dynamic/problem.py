@@ -141,9 +141,9 @@ def problem_of(
         _lens(WRIST, wrist.camera, mounting[6:]),
     ]
     once, rows = np.zeros(len(near), dtype=np.int64), _indices([s.robot for s in near])
-    chain = [Link(MOUNTING, once, inverted=True), Link(ROBOT_POSES, rows, inverted=True)]
+    to_wrist = [Link(MOUNTING, once, inverted=True), Link(ROBOT_POSES, rows, inverted=True)]
     factors: list[Factor] = [
-        _sight_factor(WRIST_PIXELS, wrist.camera, WRIST, chain, near),
+        _sight_factor(WRIST_PIXELS, wrist.camera, WRIST, to_wrist, near),
         RotationPrior(_ROTATION, ROBOT_POSES, robot, noise=_ROTATION),
         TranslationPrior(_TRANSLATION, ROBOT_POSES, robot, noise=_TRANSLATION),
     ]
@@ -188,8 +188,8 @@ def _indices(numbers: Sequence[int | None]) -> NDArray[np.int64]:
 
 
 def _sight_factor(
-    name: str, camera: Camera, variable: str, chain: Sequence[Link], sights: Sequence[Sight]
+    name: str, camera: Camera, variable: str, towards: Sequence[Link], sights: Sequence[Sight]
 ) -> ReprojectionFactor:
-    links = [*chain, Link(TARGET, _indices([s.target for s in sights]))]
+    links = [*towards, Link(TARGET, _indices([s.target for s in sights]))]
     views = stack([s.view for s in sights])
-    return ReprojectionFactor(name, model=camera.model, camera=variable, chain=links, views=views, noise=name)
+    return ReprojectionFactor(name, model=camera.model, camera=variable, links=links, views=views, noise=name)

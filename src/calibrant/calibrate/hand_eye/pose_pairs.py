@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.reprojection import links as chains
+from calibrant.calibrate.reprojection import links as products
 from calibrant.calibrate.reprojection.links import Link
 from calibrant.calibrate.solvers.setup import Setup
 from calibrant.geometry import so3
@@ -46,7 +46,7 @@ def pose_pair_problem(
     sigmas: levels to start from; without one, the flange's rotations are taken for half as noisy as the target's.
     free_scale: the scale of the target's positions is an unknown too.
     """
-    chain = setup.chain(np.arange(len(B)))
+    chain = setup.links(np.arange(len(B)))
     levels = {FLANGE_ROTATION: 0.5 * sigmas[TARGET_ROTATION], **sigmas}
     variables = (
         Variable(setup.camera_transform, SE3(), X[None]),
@@ -74,10 +74,10 @@ class ChainRotation(Factor):
         )
 
     def linearize(self, *values: Array) -> tuple[Array, tuple[Array, ...]]:
-        T = chains.product(self.chain, values)
+        T = products.product(self.chain, values)
         r = so3.log(T[:, :3, :3] @ np.swapaxes(self.measured, -1, -2))
         J = so3.left_jacobian_inverse(r)
-        maps = chains.link_maps(self.chain, values)
+        maps = products.link_maps(self.chain, values)
         return r, tuple(J @ np.broadcast_to(M, (len(r), 6, 6))[:, :3] for M in maps)
 
 
@@ -98,8 +98,8 @@ class ChainTranslation(Factor):
 
     def linearize(self, *values: Array) -> tuple[Array, tuple[Array, ...]]:
         *links, scale = values
-        T = chains.product(self.chain, links)
+        T = products.product(self.chain, links)
         r = T[:, :3, 3] - scale * self.measured
-        maps = chains.link_maps(self.chain, links)
+        maps = products.link_maps(self.chain, links)
         jacobians = [np.broadcast_to(M, (len(r), 6, 6))[:, 3:] for M in maps]
         return r, (*jacobians, -self.measured[:, :, None])

@@ -134,7 +134,9 @@ def calibrate_keeping(
             gauge_equations=shaped.gauge_equations,
         )
         figures = shaped.figures
-    result = _result(observations, camera_name, image_size, kind, fix, fit, marked, too_small, max_error_px, initial)
+    result = _intrinsics_result(
+        observations, camera_name, image_size, kind, fix, fit, marked, too_small, max_error_px, initial
+    )
     if figures is not None:
         options = {**result.options, "target_shape": target_shape}
         result = replace(result, options=options, target_shape=with_noise(figures, result.sigma_px or 0.0))
@@ -239,7 +241,7 @@ def _start_at(kind: CameraModel, seen: PlaneViews, focal: tuple[float, float], c
     return Start(parameters, planar_start.poses(seen.H, K) @ seen.T_plane_target)
 
 
-def _result(
+def _intrinsics_result(
     observations: Observations,
     camera_name: str,
     image_size: tuple[int, int],
@@ -275,7 +277,7 @@ def _result(
     covariance = solution.covariance("camera") * sigma_px**2
     camera = Camera(kind, image_size, solution.value("camera")[0], covariance)
     rms_px = float(np.sqrt(squares.mean()))
-    view_results = _view_results(observations.views, fit, marked, too_small, squares)
+    view_results = _intrinsics_views(observations.views, fit, marked, too_small, squares)
     checks = (
         *intrinsics_checks(camera, solution, view_results, rms_px, marked),
         linearity_check(camera, fit.stacked, solution.value("T_camera_target"), sigma_px),
@@ -312,7 +314,7 @@ def _options(
     return options
 
 
-def _view_results(
+def _intrinsics_views(
     all_views: Sequence[View],
     fit: Fit,
     marked: Marked,

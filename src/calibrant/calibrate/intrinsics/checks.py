@@ -52,7 +52,7 @@ def intrinsics_checks(
     """All checks, in the order a person would ask."""
     return (
         _convergence(solution),
-        _views(views),
+        _kept_views_check(views),
         _focal_length(camera),
         _reprojection(camera, rms_px),
         _outliers(views, marked),
@@ -65,7 +65,7 @@ def _convergence(solution: Solution) -> Check:
     return Check("convergence", "ok" if solution.converged else "fail", message, float(solution.iterations))
 
 
-def _views(views: Sequence[ViewResult]) -> Check:
+def _kept_views_check(views: Sequence[ViewResult]) -> Check:
     used = sum(v.used for v in views)
     text = f"{used} of {len(views)} views used"
     if used < FEW_VIEWS:

@@ -69,7 +69,7 @@ def refine(
         "reprojection",
         model=kind,
         camera="camera",
-        chain=[Link("T_camera_target", np.arange(m))],
+        links=[Link("T_camera_target", np.arange(m))],
         views=views,
         loss=loss or squared(),
     )

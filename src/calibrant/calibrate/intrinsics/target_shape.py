@@ -93,7 +93,7 @@ def paraboloid(flat: Flat) -> Shaped:
         "reprojection",
         model=flat.model,
         camera="camera",
-        chain=[Link("T_camera_target", np.arange(len(flat.views)))],
+        links=[Link("T_camera_target", np.arange(len(flat.views)))],
         views=flat.stacked,
         modes=TargetModes(BEND, directions),
     )

@@ -137,7 +137,7 @@ def calibrate_kinematics(
     fit, keep = _fit_known_well(nominal, measurements, chosen.keep, reasons)
     used, sizes = _without_outliers(fit, measurements)
     if not used.all():
-        fit = _fit(fit.model, measurements.take(np.flatnonzero(used)), keep)
+        fit = _fit_model(fit.model, measurements.take(np.flatnonzero(used)), keep)
     kept = measurements.take(np.flatnonzero(used))
     return KinematicCalibration(
         nominal=nominal,
@@ -189,7 +189,7 @@ def _require_frames(model: RobotModel, candidates: Mask, keep: Mask, reasons: Ma
         )
 
 
-def _fit(model: RobotModel, measurements: JointMeasurements, free: Mask) -> _Fit:
+def _fit_model(model: RobotModel, measurements: JointMeasurements, free: Mask) -> _Fit:
     count = measurements.positions.size + (0 if measurements.rotations is None else measurements.positions.size)
     unknowns = int(free.sum())
     if count <= unknowns:
@@ -211,7 +211,7 @@ def _fit_known_well(
 
     What is left after a drop is judged from the same normal matrix, and fitted once at the end.
     """
-    fit = _fit(nominal, measurements, keep)
+    fit = _fit_model(nominal, measurements, keep)
     allowed = [WEAKEST[p.unit] if p.group not in ("base", "tool") else np.inf for p in nominal.parameters]
     rows = np.flatnonzero(keep)
     scale = np.sqrt(np.diag(fit.covariance)[rows])
@@ -234,7 +234,7 @@ def _fit_known_well(
         return fit, keep
     kept = np.zeros_like(keep)
     kept[rows[left]] = True
-    return _fit(nominal, measurements, kept), kept
+    return _fit_model(nominal, measurements, kept), kept
 
 
 def figure(value: float, unit: str) -> str:

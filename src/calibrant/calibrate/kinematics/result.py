@@ -22,15 +22,15 @@ unknowns the expected ratio is sqrt((1 + 1/2) / (1 - 1/2)) = 1.7, with five time
 
 def as_result(calibration: KinematicCalibration) -> CalibrationResult:
     """The calibration in the form of every result; the parameters are in options["parameters"]."""
-    checks = _checks(calibration)
+    checks = _kinematic_checks(calibration)
     held = calibration.held_out
     return CalibrationResult(
         kind="kinematics",
         verdict=verdict_of(checks),
         checks=checks,
-        transforms=_transforms(calibration),
-        sigma_robot=_noise(calibration),
-        views=_views(calibration),
+        transforms=_kinematic_transforms(calibration),
+        sigma_robot=_kinematic_noise(calibration),
+        views=_kinematic_views(calibration),
         held_out=None if held is None else HeldOut(mm=held.rms_mm, deg=held.rms_deg),
         options={
             "parameters": [_parameter(p) for p in parameter_rows(calibration)],
@@ -95,7 +95,7 @@ def _errors(mm: float, deg: float | None) -> dict[str, float]:
     return {"mm": mm} if deg is None else {"mm": mm, "deg": deg}
 
 
-def _transforms(calibration: KinematicCalibration) -> tuple[TransformEstimate, ...]:
+def _kinematic_transforms(calibration: KinematicCalibration) -> tuple[TransformEstimate, ...]:
     out: list[TransformEstimate] = []
     model, C = calibration.model, calibration.covariance
     if calibration.base_free:
@@ -105,7 +105,7 @@ def _transforms(calibration: KinematicCalibration) -> tuple[TransformEstimate, .
     return tuple(out)
 
 
-def _noise(calibration: KinematicCalibration) -> SigmaRobot:
+def _kinematic_noise(calibration: KinematicCalibration) -> SigmaRobot:
     position = calibration.noise[POSITION]
     rotation = calibration.noise.get(ROTATION, NoiseLevel(0.0, 0.0, 0.0))
     return SigmaRobot(
@@ -116,7 +116,7 @@ def _noise(calibration: KinematicCalibration) -> SigmaRobot:
     )
 
 
-def _views(calibration: KinematicCalibration) -> tuple[ViewResult, ...]:
+def _kinematic_views(calibration: KinematicCalibration) -> tuple[ViewResult, ...]:
     rows = zip(calibration.measurements.ids, calibration.used.tolist(), calibration.outlier_sizes.tolist())
     return tuple(ViewResult(i, used, 1, reason=None if used else _outlier(size)) for i, used, size in rows)
 
@@ -125,7 +125,7 @@ def _outlier(size: float) -> str:
     return f"{size:.1f} times the noise away from all others"
 
 
-def _checks(calibration: KinematicCalibration) -> tuple[Check, ...]:
+def _kinematic_checks(calibration: KinematicCalibration) -> tuple[Check, ...]:
     before, after, held = calibration.before, calibration.after, calibration.held_out
     fitted, held_back = len(calibration.fitted), len(calibration.parameters) - len(calibration.fitted)
     unshown = [p for p in calibration.parameters if p.reason and not p.reason.startswith("redundant")]

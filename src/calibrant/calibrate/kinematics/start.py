@@ -117,7 +117,7 @@ def _screw(T: Array, q: Array, k: int, name: str, before: Array) -> Array:
             "moves (by less than half a turn); add such poses, or give the robot (--robot FILE)"
         )
     i, j, step = i[alone], j[alone], d[alone, k]
-    P = _product(before, q[i])
+    P = _screw_product(before, q[i])
     twists = se3.log(se3.inverse(P) @ T[j] @ se3.inverse(T[i]) @ P)
     screw = (step @ twists) / (step @ step)
     rate = float(np.linalg.norm(screw[:3]))
@@ -133,7 +133,7 @@ def _screw(T: Array, q: Array, k: int, name: str, before: Array) -> Array:
     return screw
 
 
-def _product(screws: Array, q: Array) -> Array:
+def _screw_product(screws: Array, q: Array) -> Array:
     P = np.broadcast_to(np.eye(4), (len(q), 4, 4))
     for k, screw in enumerate(screws):
         P = P @ se3.exp(q[:, k : k + 1] * screw)
@@ -142,7 +142,7 @@ def _product(screws: Array, q: Array) -> Array:
 
 def _chain_of(joints: tuple[Joint, ...], screws: Array, T: Array, q: Array) -> ProductOfExponentials:
     """The chain with the point of each axis that lies closest to the middle of the measured positions."""
-    home = se3.mean(se3.inverse(_product(screws, q)) @ T)
+    home = se3.mean(se3.inverse(_screw_product(screws, q)) @ T)
     middle = T[:, :3, 3].mean(axis=0)
     omega, v = screws[:, :3], screws[:, 3:]
     turns = np.array([j.kind == "revolute" for j in joints])[:, None]

@@ -69,7 +69,7 @@ def estimate_poses(
             + ("; ".join(f"{v.id} has {len(v)}" for v in observations.views[:5]) or "no target was found")
         )
     poses = view_poses(camera, usable, sigma_px=sigma_px)
-    checks = _checks(camera, poses, confidence)
+    checks = _pose_checks(camera, poses, confidence)
     total = sum(len(p.view) for p in poses.views)
     rms_px = float(np.sqrt(sum(len(p.view) * p.best.rms_px**2 for p in poses.views) / total))
     return stamp(
@@ -78,17 +78,17 @@ def estimate_poses(
             verdict=verdict_of(checks),
             checks=checks,
             cameras={name: camera},
-            transforms=_transforms(name, poses, confidence),
+            transforms=_pose_transforms(name, poses, confidence),
             rms_px=rms_px,
             sigma_px=poses.sigma_px,
-            views=_views(observations.views, poses, confidence),
+            views=_pose_views(observations.views, poses, confidence),
             options={"confidence": confidence} | ({} if sigma_px is None else {"sigma_px": sigma_px}),
             observations=observations,
         )
     )
 
 
-def _transforms(camera: str, poses: Poses, confidence: float) -> tuple[TransformEstimate, ...]:
+def _pose_transforms(camera: str, poses: Poses, confidence: float) -> tuple[TransformEstimate, ...]:
     out = []
     for p in poses.views:
         child = "target" if len(poses.views) == 1 else f"target@{p.view.id}"
@@ -98,7 +98,7 @@ def _transforms(camera: str, poses: Poses, confidence: float) -> tuple[Transform
     return tuple(out)
 
 
-def _views(views: Sequence[View], poses: Poses, confidence: float) -> tuple[ViewResult, ...]:
+def _pose_views(views: Sequence[View], poses: Poses, confidence: float) -> tuple[ViewResult, ...]:
     known = {p.view.id: p for p in poses.views}
     out = []
     for view in views:
@@ -116,11 +116,17 @@ def _views(views: Sequence[View], poses: Poses, confidence: float) -> tuple[View
     return tuple(out)
 
 
-def _checks(camera: Camera, poses: Poses, confidence: float) -> tuple[Check, ...]:
-    return (_fit(poses), _noise(poses), _two_fold(poses, confidence), _weakest(poses), _camera(camera, poses))
+def _pose_checks(camera: Camera, poses: Poses, confidence: float) -> tuple[Check, ...]:
+    return (
+        _pose_fit_check(poses),
+        _pose_noise_check(poses),
+        _two_fold(poses, confidence),
+        _weakest(poses),
+        _pose_camera_check(camera, poses),
+    )
 
 
-def _fit(poses: Poses) -> Check:
+def _pose_fit_check(poses: Poses) -> Check:
     worst = max(poses.views, key=lambda p: p.best.rms_px)
     rms = worst.best.rms_px
     extent = float(np.hypot(*np.ptp(worst.view.uv, axis=0)))
@@ -138,7 +144,7 @@ def _fit(poses: Poses) -> Check:
     return Check("reprojection", "ok", text, rms)
 
 
-def _noise(poses: Poses) -> Check:
+def _pose_noise_check(poses: Poses) -> Check:
     text = f"noise of a point {poses.sigma_px:.2g} px per axis"
     if not poses.estimated:
         return Check("noise", "ok", f"{text}, as given", poses.sigma_px)
@@ -212,7 +218,7 @@ def _vector(v: Array) -> str:
     return f"({', '.join(f'{x:.2f}' for x in v)})"
 
 
-def _camera(camera: Camera, poses: Poses) -> Check:
+def _pose_camera_check(camera: Camera, poses: Poses) -> Check:
     if camera.covariance is None:
         return Check(
             "camera", "warn",

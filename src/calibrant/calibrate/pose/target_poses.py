@@ -106,7 +106,7 @@ def _refine(
         "reprojection",
         model=camera.model,
         camera="camera",
-        chain=[Link("T_camera_target", np.arange(m))],
+        links=[Link("T_camera_target", np.arange(m))],
         views=views,
         loss=loss,
     )

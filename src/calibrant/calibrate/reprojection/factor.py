@@ -2,8 +2,8 @@
 
     r = project(theta, T_camera_target (p + sum_j m_j d_j)) - uv
 
-with T_camera_target a chain of transforms (see `chain`), theta the camera's parameters and d_j the target's modes
-(scale, bending). The kernel differentiates with respect to T_camera_target; the chain hands that on to its links.
+with T_camera_target a product of transforms (see `links`), theta the camera's parameters and d_j the target's modes
+(scale, bending). The kernel differentiates with respect to T_camera_target; `links` hands that on to each of them.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.reprojection import links as chains
-from calibrant.calibrate.reprojection.links import Link
+from calibrant.calibrate.reprojection.links import Link, compiled_products, is_plain, link_maps, through_links
 from calibrant.cameras import CameraModel
 from calibrant.data import View
 from calibrant.geometry import so3
@@ -75,7 +74,7 @@ class ReprojectionFactor(Factor):
         *,
         model: CameraModel,
         camera: str,
-        chain: Sequence[Link],
+        links: Sequence[Link],
         views: StackedViews,
         camera_indices: Indices | None = None,
         modes: TargetModes | None = None,
@@ -84,8 +83,8 @@ class ReprojectionFactor(Factor):
     ) -> None:
         m = len(views.offsets) - 1
         cameras = np.zeros(m, dtype=np.int64) if camera_indices is None else np.asarray(camera_indices, dtype=np.int64)
-        self.model, self.chain, self.views, self.modes = model, tuple(chain), views, modes
-        variables, indices = [link.variable for link in chain] + [camera], [link.indices for link in chain] + [cameras]
+        self.model, self.links, self.views, self.modes = model, tuple(links), views, modes
+        variables, indices = [link.variable for link in links] + [camera], [link.indices for link in links] + [cameras]
         if modes is not None:
             variables.append(modes.variable)
             indices.append(np.zeros(m, dtype=np.int64))
@@ -108,22 +107,22 @@ class ReprojectionFactor(Factor):
         )
         self._width = 6 + len(model.parameter_names) + n_modes
         self._first, self._each = np.zeros(m, dtype=np.int64), np.arange(m)
-        self._plain = chains.is_plain(self.chain)
-        poses, k = 6 * len(self.chain), len(model.parameter_names)
+        self._plain = is_plain(self.links)
+        poses, k = 6 * len(self.links), len(model.parameter_names)
         self._ends = (*range(6, poses + 6, 6), poses + k, *([] if modes is None else [poses + k + n_modes]))
 
     def _split(self, values: Sequence[Array]) -> tuple[Sequence[Array], Array, Array]:
-        k = len(self.chain)
+        k = len(self.links)
         theta = values[k + 1] if self.modes is not None else np.zeros((1, 0))
         return values[:k], values[k], theta
 
     def T_camera_target(self, *values: Array) -> Array:
-        """The chain's product (m, 4, 4) for the slots' values."""
-        links = self._split(values)[0]
+        """The links' product (m, 4, 4) for the slots' values."""
+        transforms = self._split(values)[0]
         if self._plain:
-            T = links[0]
+            T = transforms[0]
             return np.ascontiguousarray(T if len(T) == self.edges else np.broadcast_to(T, (self.edges, 4, 4)))
-        return chains.compiled_products(self.chain, links, self.edges)[0]
+        return compiled_products(self.links, transforms, self.edges)[0]
 
     def _deformed(self, theta: Array) -> Array:
         if self.modes is None:
@@ -169,7 +168,7 @@ class ReprojectionFactor(Factor):
         J_pose = np.concatenate([-J_point @ so3.hat(rotated), J_point], axis=-1)
         jacobians = [
             J_pose @ np.broadcast_to(M, (self.edges, 6, 6))[self._edge_of_row]
-            for M in chains.link_maps(self.chain, self._split(values)[0])
+            for M in link_maps(self.links, self._split(values)[0])
         ]
         jacobians.append(J_camera)
         if self.modes is not None:
@@ -195,7 +194,7 @@ class ReprojectionFactor(Factor):
         if self._plain:
             T, maps = self.T_camera_target(*values), None
         else:
-            T, maps = chains.compiled_products(self.chain, self._split(values)[0], m)
+            T, maps = compiled_products(self.links, self._split(values)[0], m)
         views, weight, offsets = self._kernel_arguments(values, T), self.weight / sigma, self.views.offsets
         loss = (self.loss.kind, self.loss.scale_sq)
         local = self.model.local_rows()
@@ -209,5 +208,5 @@ class ReprojectionFactor(Factor):
 
         over_range(run, m, seconds=len(weight) * SECONDS_PER_POINT["normal equations"])
         if maps is not None:
-            H, g = chains.through_links(H, g, maps)
+            H, g = through_links(H, g, maps)
         return FactorBlocks(float(cost.sum()), H, g, self._ends)

@@ -1,4 +1,4 @@
-"""Compiled chains of transforms: all edges in one pass; `chain.product` and `chain.link_maps` are the readable form.
+"""Compiled products of links: all edges in one pass; `links.product` and `links.link_maps` are the readable form.
 
 A rig's problem asks for them once a camera and step: for its tens of views, NumPy's calls cost more than the
 arithmetic.
@@ -102,7 +102,7 @@ def products(links, inverted, T, maps):  # type: ignore[no-untyped-def]
 
 @compiled(types.void(_c3, _c2, _c4, _f3, _f2))
 def through_links(H, g, maps, H_out, g_out):  # type: ignore[no-untyped-def]
-    """B^T H B and B^T g of every edge, B = [M_1 ... M_n, 0; 0, I]; see `chain.through_links`."""
+    """B^T H B and B^T g of every edge, B = [M_1 ... M_n, 0; 0, I]; see `links.through_links`."""
     n, rest = maps.shape[1], H.shape[1] - 6
     poses = 6 * n
     half = np.empty((6 + rest, poses))

@@ -1,4 +1,4 @@
-"""Chains of transforms: where a view's target sits in its camera, as a product of unknown and known transforms.
+"""Links: where a view's target sits in its camera, as a product of unknown and known transforms.
 
     T_camera_target = prod_k L_k,  L_k a variable or its inverse
 
@@ -27,34 +27,34 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """One transform of the chain: a variable, the instance (m,) each edge uses, and whether it enters inverted."""
+    """One transform of the product: a variable, the instance (m,) each edge uses, and whether it enters inverted."""
 
     variable: str
     indices: Indices
     inverted: bool = False
 
 
-def is_plain(chain: Sequence[Link]) -> bool:
-    """True for the chain that is one variable itself: its tangent is the product's."""
-    return len(chain) == 1 and not chain[0].inverted
+def is_plain(links: Sequence[Link]) -> bool:
+    """True for one link that is its variable itself: its tangent is the product's."""
+    return len(links) == 1 and not links[0].inverted
 
 
-def product(chain: Sequence[Link], values: Sequence[Array]) -> Array:
-    """The chain's product (m, 4, 4) for the links' values (m, 4, 4)."""
-    return _multiply(_factors(chain, values))
+def product(links: Sequence[Link], values: Sequence[Array]) -> Array:
+    """The product (m, 4, 4) of the links' values (m, 4, 4)."""
+    return _multiply(_factors(links, values))
 
 
-def link_maps(chain: Sequence[Link], values: Sequence[Array]) -> list[Array]:
+def link_maps(links: Sequence[Link], values: Sequence[Array]) -> list[Array]:
     """Matrices (m or 1, 6, 6) from each link's tangent to the product's.
 
     For T = L T_k M: omega = R_L omega_k, v = R_L (omega_k x (R_k t_M) + v_k); an inverted link first maps its own
     tangent to its inverse's: omega' = -R^T omega, v' = -R^T (v - omega x t).
     """
-    if is_plain(chain):
+    if is_plain(links):
         return [np.eye(6)[None]]
-    factors = _factors(chain, values)
+    factors = _factors(links, values)
     maps = []
-    for k, link in enumerate(chain):
+    for k, link in enumerate(links):
         left, right = _multiply(factors[:k]), _multiply(factors[k + 1 :])
         R_left = left[:, :3, :3]
         arm = (factors[k][:, :3, :3] @ right[:, :3, 3, None])[..., 0]
@@ -65,16 +65,16 @@ def link_maps(chain: Sequence[Link], values: Sequence[Array]) -> list[Array]:
     return maps
 
 
-def compiled_products(chain: Sequence[Link], values: Sequence[Array], edges: int) -> tuple[Array, Array]:
+def compiled_products(links: Sequence[Link], values: Sequence[Array], edges: int) -> tuple[Array, Array]:
     """`product` (m, 4, 4) and `link_maps` (m, links, 6, 6) of m edges in one compiled pass."""
-    from calibrant.calibrate.reprojection import link_kernels as chain_kernels
+    from calibrant.calibrate.reprojection import link_kernels
 
-    links = np.empty((len(chain), edges, 4, 4))
-    for link, value in zip(links, values):
-        link[:] = value
-    inverted = np.array([link.inverted for link in chain])
-    T, maps = np.empty((edges, 4, 4)), np.empty((edges, len(chain), 6, 6))
-    chain_kernels.products(links, inverted, T, maps)
+    stacked = np.empty((len(links), edges, 4, 4))
+    for one, value in zip(stacked, values):
+        one[:] = value
+    inverted = np.array([link.inverted for link in links])
+    T, maps = np.empty((edges, 4, 4)), np.empty((edges, len(links), 6, 6))
+    link_kernels.products(stacked, inverted, T, maps)
     return T, maps
 
 
@@ -83,16 +83,16 @@ def through_links(H: Array, g: Array, maps: Array) -> tuple[Array, Array]:
 
     Args: H (m, 6 + r, 6 + r), g (m, 6 + r), maps (m, links, 6, 6).
     """
-    from calibrant.calibrate.reprojection import link_kernels as chain_kernels
+    from calibrant.calibrate.reprojection import link_kernels
 
     width = 6 * maps.shape[1] + H.shape[1] - 6
     H_links, g_links = np.empty((len(H), width, width)), np.empty((len(H), width))
-    chain_kernels.through_links(H, g, maps, H_links, g_links)
+    link_kernels.through_links(H, g, maps, H_links, g_links)
     return H_links, g_links
 
 
-def _factors(chain: Sequence[Link], values: Sequence[Array]) -> list[Array]:
-    return [se3.inverse(value) if link.inverted else value for link, value in zip(chain, values)]
+def _factors(links: Sequence[Link], values: Sequence[Array]) -> list[Array]:
+    return [se3.inverse(value) if link.inverted else value for link, value in zip(links, values)]
 
 
 def _multiply(factors: Sequence[Array]) -> Array:

@@ -189,7 +189,7 @@ def _problem(alone: Mapping[str, Kept], start: RigStart, reference: str, fix: Se
         variables.append(Variable(name, manifold, camera.values[None], words=f"the lens of {name}"))
         factors.append(
             ReprojectionFactor(
-                name, model=camera.model, camera=name, chain=chain, views=kept.stacked, noise=_group(name)
+                name, model=camera.model, camera=name, links=chain, views=kept.stacked, noise=_group(name)
             )
         )
     return Problem(tuple(variables), tuple(factors))

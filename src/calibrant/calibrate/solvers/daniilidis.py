@@ -22,7 +22,7 @@ OUTLIER_SIGMAS = 3.0
 
 def daniilidis(pairs: PosePairs) -> tuple[Array, None]:
     """X from all motions; see `_null_vectors` and `_unit_dual_quaternion`."""
-    return _solve(pairs.motions, pairs.length), None
+    return _dual_quaternion(pairs.motions, pairs.length), None
 
 
 def daniilidis_screw(pairs: PosePairs) -> tuple[Array, None]:
@@ -37,10 +37,10 @@ def daniilidis_screw(pairs: PosePairs) -> tuple[Array, None]:
     spread = 1.4826 * np.median(np.abs(differences), axis=1, keepdims=True)
     # Rounding alone spreads exact data by 1e-16; below 1e-9 of a turn or of the typical length nothing is an outlier.
     congruent = np.all(np.abs(differences) <= np.maximum(OUTLIER_SIGMAS * spread, 1e-9), axis=0)
-    return _solve(m.only(congruent), pairs.length), None
+    return _dual_quaternion(m.only(congruent), pairs.length), None
 
 
-def _solve(m: RelativeMotions, length: float) -> Array:
+def _dual_quaternion(m: RelativeMotions, length: float) -> Array:
     """X (4, 4), metres, from motions whose lengths are divided by `length` for the solution."""
     q, dual = _unit_dual_quaternion(*_null_vectors(m, length))
     t = 2 * product(dual, conjugate(q))[1:]

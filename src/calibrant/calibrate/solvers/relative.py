@@ -66,8 +66,8 @@ class PosePairs:
     B: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "A", _checked(self.A, "A"))
-        object.__setattr__(self, "B", _checked(self.B, "B"))
+        object.__setattr__(self, "A", _checked_poses(self.A, "A"))
+        object.__setattr__(self, "B", _checked_poses(self.B, "B"))
         if self.A.shape != self.B.shape:
             raise InputError(
                 f"{len(self.A)} poses A of the robot but {len(self.B)} poses B of the target; "
@@ -176,7 +176,7 @@ def _quaternion_of_rotation_vector(omega: Array) -> Array:
     return np.concatenate([np.cos(t / 2)[:, None], 0.5 * np.sinc(t / (2 * np.pi))[:, None] * omega], axis=-1)
 
 
-def _checked(T: ArrayLike, name: str) -> Array:
+def _checked_poses(T: ArrayLike, name: str) -> Array:
     """T as (n, 4, 4) rigid transforms. Raises: InputError naming the first bad one."""
     m = np.asarray(T, dtype=np.float64)
     if m.ndim != 3 or m.shape[1:] != (4, 4):

@@ -47,7 +47,7 @@ class Setup:
         """A_i (n, 4, 4)."""
         return se3.inverse(T_base_gripper) if self.robot_inverted else np.asarray(T_base_gripper)
 
-    def chain(self, robot: NDArray[np.int64]) -> list[Link]:
+    def links(self, robot: NDArray[np.int64]) -> list[Link]:
         """T_camera_target = X^-1 A_i^-1 Z as links; robot (m,) is the pose that each view uses."""
         once = np.zeros(len(robot), dtype=np.int64)
         return [

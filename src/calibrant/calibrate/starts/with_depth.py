@@ -113,13 +113,13 @@ def poses_of_rays(points: Array, rays: Array, offsets: NDArray[np.int64]) -> tup
     unit = rays / np.linalg.norm(rays, axis=1, keepdims=True)
     for i in range(m):
         rows = slice(offsets[i], offsets[i + 1])
-        pose = _pose(points[rows], unit[rows])
+        pose = _pose_of_rays(points[rows], unit[rows])
         if pose is not None:
             T[i], good[i] = pose, True
     return T, good
 
 
-def _pose(points: Array, rays: Array) -> Array | None:
+def _pose_of_rays(points: Array, rays: Array) -> Array | None:
     """The candidate that sees the points nearest to their rays; None when the points determine no pose."""
     from calibrant.calibrate.classical.points import dimension
 
@@ -130,7 +130,7 @@ def _pose(points: Array, rays: Array) -> Array | None:
         T, good = camera_start.poses_of_rays(planar.xy, rays, np.array([0, len(points)]))
         return T[0] @ planar.T_plane_target if good[0] else None
     candidates = [*_by_dlt(points, rays), *_by_triples(points, rays)]
-    return min(candidates, key=lambda T: _misfit(T, points, rays)) if candidates else None
+    return min(candidates, key=lambda T: _ray_misfit(T, points, rays)) if candidates else None
 
 
 def _by_dlt(points: Array, rays: Array) -> list[Array]:
@@ -149,7 +149,7 @@ def _by_dlt(points: Array, rays: Array) -> list[Array]:
     return [se3.make(turn.T, np.zeros(3)) @ T]
 
 
-def _misfit(T: Array, points: Array, rays: Array) -> float:
+def _ray_misfit(T: Array, points: Array, rays: Array) -> float:
     """Sum of squared sines between points and rays; a point behind its ray counts as one at right angles and more."""
     p = se3.apply(T, points)
     cosine = np.sum(p * rays, axis=1) / np.linalg.norm(p, axis=1)

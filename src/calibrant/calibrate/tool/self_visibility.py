@@ -71,7 +71,7 @@ def calibrate_self_visibility(
     Raises: InputError for shapes, fewer than two features, features on one spot, rays that miss the plane; RefusedError
     when the features do not fit each other.
     """
-    T, uv, g = _checked(T_camera_target, features_uv, features_gripper, sigma_px)
+    T, uv, g = _checked_sights(T_camera_target, features_uv, features_gripper, sigma_px)
     _in_image(camera, uv)
     target = np.zeros((6, 6)) if covariance_target is None else np.asarray(covariance_target, dtype=np.float64)
     lens = np.zeros((len(camera.values),) * 2) if camera.covariance is None else camera.covariance
@@ -129,7 +129,7 @@ def _in_image(camera: Camera, uv: Array) -> None:
         )
 
 
-def _checked(T: ArrayLike, uv: ArrayLike, g: ArrayLike, sigma_px: float) -> tuple[Array, Array, Array]:
+def _checked_sights(T: ArrayLike, uv: ArrayLike, g: ArrayLike, sigma_px: float) -> tuple[Array, Array, Array]:
     pose = se3.check(T, name="T_camera_target")
     pixels, features = np.asarray(uv, dtype=np.float64), np.asarray(g, dtype=np.float64)
     m = len(pixels)

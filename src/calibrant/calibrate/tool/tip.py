@@ -130,7 +130,7 @@ def tip_by_sight(
         raise InputError(f"{n} poses need {n} finite pixels (n, 2), got shape {pixels.shape}")
     if n < LEAST_SIGHTS:
         raise InputError(f"{n} views of the tip; at least {LEAST_SIGHTS} are needed, with the tool turned between them")
-    root = _root(camera, base_camera, covariance)
+    root = _tip_root(camera, base_camera, covariance)
     T_camera_flange = se3.inverse(base_camera.matrix) @ poses.T_base_gripper
     # The tip, then the camera's deviations z from where it was calibrated, in units of their sigma.
     x = np.concatenate([_on_rays(T_camera_flange, camera, pixels), np.zeros(root.shape[1])])
@@ -176,7 +176,7 @@ def _chances(residuals: Array, Q: Array, spare: float) -> Array:
     return f_tail(d, spare - d, T / d * (spare - d) / (spare - T))
 
 
-def _root(camera: Camera, base_camera: TransformEstimate, covariance: ArrayLike | None) -> Array:
+def _tip_root(camera: Camera, base_camera: TransformEstimate, covariance: ArrayLike | None) -> Array:
     """L (6 + k, m) with L L^T the covariance of the camera's place and parameters, no column for what is exact."""
     k = len(camera.values)
     if covariance is None:

@@ -98,7 +98,7 @@ def fit_directions(circles: Circles, starts: Sequence[Found], *, sigma_px: float
         member >= 0, member, np.argmin(np.abs(whitened(circles, best.R_camera_scene.T, best.focal)[0]), axis=1)
     )
     sigma = unit[np.arange(len(unit)), each] * noise
-    solution = _solve(LineFactor(circles.only(used), each[used], sigma[used]), best, focal)
+    solution = _solve_lines(LineFactor(circles.only(used), each[used], sigma[used]), best, focal)
     s = float(np.exp(solution.value("log_focal")[0, 0]))
     return Fit(solution.value("R_camera_scene")[0], s, member, noise, sigma_px, best.excess_px, solution)
 
@@ -116,7 +116,7 @@ class _State:
 def _settled(circles: Circles, state: _State, sigma_px: float, focal: str, *, rounds: int) -> _State:
     """Expectation maximisation from a state."""
     for _ in range(rounds):
-        before, state = state, _step(circles, state, sigma_px, focal)
+        before, state = state, _damped_step(circles, state, sigma_px, focal)
         turned = np.abs(state.R_camera_scene - before.R_camera_scene).max()
         if turned < 1e-9 and abs(state.excess_px - before.excess_px) < 1e-3 * sigma_px:
             break
@@ -140,7 +140,7 @@ def _likelihood(circles: Circles, state: _State, sigma_px: float) -> float:
     return float(np.sum(np.log(follows.sum(axis=1) + free)))
 
 
-def _step(circles: Circles, state: _State, sigma_px: float, focal: str) -> _State:
+def _damped_step(circles: Circles, state: _State, sigma_px: float, focal: str) -> _State:
     """Which direction each edge follows with what probability, then the fit that is most likely for these."""
     follows, free = _densities(circles, state, sigma_px)
     belongs = follows / (follows.sum(axis=1) + free)[:, None]
@@ -152,7 +152,7 @@ def _step(circles: Circles, state: _State, sigma_px: float, focal: str) -> _Stat
     noise = spread(circles, sigma_px, state.excess_px)
     picked = Circles(circles.normals[row], circles.covariance[row], circles.counts[row], circles.rms_px[row])
     sigma = unit[row, member] * noise[row] / np.sqrt(weight)
-    solution = _solve(LineFactor(picked, member, sigma), state, focal)
+    solution = _solve_lines(LineFactor(picked, member, sigma), state, focal)
     squares = (solution.residuals("edges")[:, 0] / unit[row, member]) ** 2
     following = float(np.clip(belongs.sum() / len(circles), 1 / len(circles), 1 - 1 / len(circles)))
     return _State(
@@ -163,7 +163,7 @@ def _step(circles: Circles, state: _State, sigma_px: float, focal: str) -> _Stat
     )
 
 
-def _solve(factor: LineFactor, state: _State, focal: str) -> Solution:
+def _solve_lines(factor: LineFactor, state: _State, focal: str) -> Solution:
     variables = (_rotation(state.R_camera_scene), _focal(state.focal, focal))
     factors: tuple[Factor, ...] = (factor,)
     if focal == "unknown":
@@ -198,10 +198,10 @@ def _excess(squares: Array, counts: Indices, weight: Array, sigma_px: float) -> 
         v = sigma_px**2 + counts * e**2
         return float(np.sum(weight * counts * (squares - v) / v**2))
 
-    return _root(surplus, FIRST_EXCESS_PX)
+    return _root_below(surplus, FIRST_EXCESS_PX)
 
 
-def _root(surplus: Callable[[float], float], high: float) -> float:
+def _root_below(surplus: Callable[[float], float], high: float) -> float:
     """Where a falling function of e >= 0 passes 0; 0 where it starts below."""
     if surplus(0.0) <= 0:
         return 0.0

@@ -56,17 +56,17 @@ def right_angles(
         slope = np.zeros((len(pairs), len(steps)))
         for j in np.flatnonzero(steps > 0):
             e = steps[j] * np.eye(len(steps))[j]
-            high, low = (_angles(fit, refit(camera.values + k * e), pairs)[0] for k in (1, -1))
+            high, low = (_circle_angles(fit, refit(camera.values + k * e), pairs)[0] for k in (1, -1))
             slope[:, j] = (high - low) / (2 * steps[j])
         variance_of_camera = np.einsum("pi,ij,pj->p", slope, camera.covariance, slope)
-    off, variance = _angles(fit, circles, pairs)
+    off, variance = _circle_angles(fit, circles, pairs)
     sigma = np.sqrt(variance + variance_of_camera)
     return tuple(
         RightAngle(a, b, float(np.rad2deg(o)), float(np.rad2deg(s))) for (a, b), o, s in zip(pairs, off, sigma)
     )
 
 
-def _angles(fit: Fit, circles: Circles, pairs: list[tuple[int, int]]) -> tuple[Array, Array]:
+def _circle_angles(fit: Fit, circles: Circles, pairs: list[tuple[int, int]]) -> tuple[Array, Array]:
     """Angle less 90 degrees of each pair, and its variance: two (p,), radians."""
     found = {k: _direction(fit, circles, k) for k in {k for pair in pairs for k in pair}}
     off, variance = np.zeros(len(pairs)), np.zeros(len(pairs))

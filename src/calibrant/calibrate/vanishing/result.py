@@ -31,7 +31,7 @@ def vanishing_result(found: Manhattan) -> CalibrationResult:
     """
     covariance = np.zeros((6, 6))
     covariance[:3, :3] = found.covariance
-    checks = (*_directions(found), *_angles(found), _edges(found), _focal(found), _camera(found))
+    checks = (*_directions(found), *_angle_checks(found), _edges(found), _focal(found), _vanishing_camera_check(found))
     return stamp(
         CalibrationResult(
             kind="vanishing",
@@ -67,7 +67,7 @@ def _vanishing(camera: Camera, direction: Array) -> str:
     return f"which meet at ({uv[0]:.1f}, {uv[1]:.1f}) px"
 
 
-def _angles(found: Manhattan) -> tuple[Check, ...]:
+def _angle_checks(found: Manhattan) -> tuple[Check, ...]:
     if not found.angles:
         return (Check("orthogonality", "ok", "too few edges to test whether the directions are at right angles"),)
     return tuple(_angle(a) for a in found.angles)
@@ -111,7 +111,7 @@ def _focal(found: Manhattan) -> Check:
     return Check("focal-length", "ok", text, f)
 
 
-def _camera(found: Manhattan) -> Check:
+def _vanishing_camera_check(found: Manhattan) -> Check:
     if found.sigma_focal is not None:
         return Check("camera", "ok", "its uncertainty is that of the focal length")
     if found.of_camera is None:

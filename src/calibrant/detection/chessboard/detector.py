@@ -136,7 +136,7 @@ def _numbered(grey: Grey, found: _Found, target: Chessboard, how: Refinement) ->
 def _measured(grey: Grey, placed: Placed, factor: int, target: Chessboard, least: float, how: Refinement) -> Detection:
     """The corners of a grid whose place on the board is known, where at least so many can be measured."""
     grid = placed.grid
-    refined = _refined(grey, grid, factor, how)
+    refined = _refined_grid(grey, grid, factor, how)
     good = refined.converged & (refined.noise < MOST_NOISE * refined.contrast)
     if good.sum() < least:
         return Detection.nothing("the board was seen but its corners are too blurred or too noisy to be measured")
@@ -171,7 +171,7 @@ def _part(grey: Grey, seen: list[_Found], target: Chessboard, how: Refinement) -
     return None if why is None else Detection.nothing(why)
 
 
-def _refined(grey: Grey, grid: Grid, factor: int, how: Refinement) -> Refined:
+def _refined_grid(grey: Grey, grid: Grid, factor: int, how: Refinement) -> Refined:
     xy = np.ascontiguousarray(grid.xy)
     at, steps = np.argwhere(grid.known), steps_at(xy, np.ascontiguousarray(grid.known))
     dark = grid.dark ^ (at.sum(axis=1) % 2 == 1)

@@ -96,7 +96,7 @@ def _at_scale(
         for lattice in grow_lattices(spots, with_big=target.bigdot):
             placement = place(target, lattice, spots.uv[lattice.spots], (picture.shape[1], picture.shape[0]))
             if isinstance(placement, str):
-                seen += _size(lattice, target)
+                seen += _sizes(lattice, target)
                 continue
             detection = _measured(picture, target, spots, lattice, placement, darkness=darkness)
             if not detection.found:
@@ -108,7 +108,7 @@ def _at_scale(
     return without_origin
 
 
-def _size(lattice: Lattice, target: Circles) -> list[tuple[int, int]]:
+def _sizes(lattice: Lattice, target: Circles) -> list[tuple[int, int]]:
     """Columns and rows of a lattice that is full enough to be called a grid."""
     if target.asymmetric or len(lattice) < LEAST_LOOK:
         return []

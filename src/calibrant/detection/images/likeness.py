@@ -32,13 +32,13 @@ def notes_on_likeness(views: Sequence[View], width: int) -> tuple[str, ...]:
     notes = []
     if same:
         notes.append(
-            f"{len(same)} of {len(views)} pictures show exactly what another shows and count twice: {_listed(same)}. "
-            "Leave the copies out."
+            f"{len(same)} of {len(views)} pictures show exactly what another shows and count twice: "
+            f"{_listed_images(same)}. Leave the copies out."
         )
     if near:
         notes.append(
             f"In {len(near)} of {len(views)} pictures the board has moved less than {NEAR_PART * width:.1f} px since "
-            f"another: {_listed(near)}. They lower the noise but show nothing new; take views that differ."
+            f"another: {_listed_images(near)}. They lower the noise but show nothing new; take views that differ."
         )
     return tuple(notes)
 
@@ -62,5 +62,5 @@ def _to_earlier(views: Sequence[View], reach_px: float) -> list[float]:
     return distances
 
 
-def _listed(names: Sequence[str]) -> str:
+def _listed_images(names: Sequence[str]) -> str:
     return ", ".join(names[:LISTED]) + (" …" if len(names) > LISTED else "")

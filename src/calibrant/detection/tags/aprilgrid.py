@@ -84,10 +84,10 @@ def _search(grey: Grey, target: AprilGrid) -> Markers:
     reach = REACH_BORDER * target.border / (target.bits + 2 * target.border)
     corners, sigma = refine_quads(grey, np.roll(best.corners, TURNS, axis=1), reach=reach)
     best = Markers(best.ids, corners).subset(sigma.max(axis=1, initial=0.0) < ROUGH_SIGMA_PX)
-    return best.subset(_read(grey, target, best.ids, best.corners))
+    return best.subset(_with_codes(grey, target, best.ids, best.corners))
 
 
-def _read(grey: Grey, target: AprilGrid, ids: NDArray[np.int64], corners: Array) -> NDArray[np.bool_]:
+def _with_codes(grey: Grey, target: AprilGrid, ids: NDArray[np.int64], corners: Array) -> NDArray[np.bool_]:
     opencv_order = np.roll(corners, TURNS, axis=1)
     return shows_cells(grey, opencv_order, ids, target.dictionary, border=target.border)
 
@@ -105,7 +105,7 @@ def _detection(grey: Grey, target: AprilGrid, markers: Markers) -> Detection | N
     n = len(target.point_ids)
     uv, sigma = np.full((n, 2), np.nan), np.full(n, ROUGH_SIGMA_PX)
     uv[target.tag_points[markers.ids].ravel()] = markers.corners.reshape(-1, 2)
-    uv, sigma = _refined(grey, target, uv, sigma)
+    uv, sigma = _refined_tags(grey, target, uv, sigma)
     for _ in range(target.columns + target.rows):
         more = _predicted(grey, target, uv, sigma)
         if more is None:
@@ -144,16 +144,16 @@ def _predicted(grey: Grey, target: AprilGrid, uv: Array, sigma: Array) -> tuple[
     inside = np.all((maps.centres > 0) & (maps.centres < np.array([width, height]) - 1), axis=1)
     sure = (inside & maps.determined).reshape(-1, 4).all(axis=1)
     corners = maps.centres.reshape(-1, 4, 2)
-    sure[sure] = _read(grey, target, tags[sure], corners[sure])
+    sure[sure] = _with_codes(grey, target, tags[sure], corners[sure])
     if not sure.any():
         return None
     trial, spread = uv.copy(), sigma.copy()
     trial[target.tag_points[tags[sure]].ravel()] = corners[sure].reshape(-1, 2)
-    trial, spread = _refined(grey, target, trial, spread)
+    trial, spread = _refined_tags(grey, target, trial, spread)
     return (trial, spread) if (~np.isnan(trial[:, 0])).sum() > known.sum() else None
 
 
-def _refined(grey: Grey, target: AprilGrid, uv: Array, sigma: Array) -> tuple[Array, Array]:
+def _refined_tags(grey: Grey, target: AprilGrid, uv: Array, sigma: Array) -> tuple[Array, Array]:
     """All corners known (NaN where not) moved onto their saddles, those without one left out; and their sigma_px."""
     index = np.flatnonzero(~np.isnan(uv[:, 0]))
     xy = target.points[index, :2] / target.tag

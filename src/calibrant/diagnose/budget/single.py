@@ -114,7 +114,7 @@ def view_information(
         "reprojection",
         model=camera.model,
         camera="camera",
-        chain=setup.chain(np.arange(n)),
+        links=setup.links(np.arange(n)),
         views=stacked,
         modes=TargetModes("scale", stacked.points[None]),
     )

@@ -1,9 +1,9 @@
-"""Which reading of the poses, and which setup, the data bear out: the one whose loop A_i X B_i = Z closes.
+"""Which notation of the poses, and which setup, the data bear out: the one whose loop A_i X B_i = Z closes.
 
 1. Notations are sieved by what no X can change: robot and camera must see the same angle between any two poses
    (screw congruence; Chen, "A screw motion approach to uniqueness analysis of head-eye geometry", CVPR 1991).
 2. What is left is solved in closed form on the three quarters of the views that agree best, so that some wrong views do
-   not hide the right reading, and ranked by the rms of the loop over these views.
+   not hide the right notation, and ranked by the rms of the loop over these views.
 3. The best one is taken when an F test on the loops says that the next one, if it leads elsewhere, is worse.
 
 Inverted robot poses with the camera on the hand give the same equations as poses as they stand with the camera fixed,
@@ -27,19 +27,19 @@ from calibrant.diagnose.conventions.hypotheses import Setup as Setup
 from calibrant.diagnose.conventions.hypotheses import rank as rank
 from calibrant.diagnose.conventions.hypotheses import robot_side as robot_side
 from calibrant.errors import RefusedError
-from calibrant.formats.poses.readings import PoseReading
+from calibrant.formats.poses.notations import PoseNotation
 from calibrant.geometry import se3
 from calibrant.optimize.chances import f_tail
 
 Array = NDArray[np.float64]
 
 EQUAL_P = 0.01
-"""Readings whose loops differ by what happens once in a hundred times by chance fit equally well."""
+"""Notations whose loops differ by what happens once in a hundred times by chance fit equally well."""
 EQUAL_RATIO = 1.5
 """And so do loops within a factor of 1.5, however many the poses: systematic errors, such as a bent board or lens,
-favour one wrong reading over another by that much."""
+favour one wrong notation over another by that much."""
 CLEAR_RATIO = 3.0
-"""What a file or a user states is doubted only when another reading closes the loop three times better."""
+"""What a file or a user states is doubted only when another notation closes the loop three times better."""
 SAME_TRANSFORM_MM, SAME_TRANSFORM_DEG = 1.0, 0.1
 """Results closer than this, or than the loop, are one result: less than a closed form on ordinary data resolves."""
 
@@ -52,7 +52,7 @@ class ConventionDecision:
     does not fit, by name: setup-mismatch, header-overruled, no-reading-fits.
     """
 
-    reading: PoseReading
+    notation: PoseNotation
     setup: Setup
     confidence: float
     message: str
@@ -66,28 +66,28 @@ class ConventionDecision:
 
 
 def decide(
-    readings: Sequence[PoseReading], T_camera_target: ArrayLike, *, setup: Setup | Literal["auto"] = "auto"
+    notations: Sequence[PoseNotation], T_camera_target: ArrayLike, *, setup: Setup | Literal["auto"] = "auto"
 ) -> ConventionDecision:
-    """Decide among readings and setups by the data.
+    """Decide among notations and setups by the data.
 
-    Args: readings, the most believable first (formats.poses.readings); T_camera_target (n, 4, 4), metres, a target
+    Args: notations, the most believable first (formats.poses.notations); T_camera_target (n, 4, 4), metres, a target
     pose for each robot pose; setup, eye-in-hand or eye-to-hand when the user knows it.
     Raises: InputError when the numbers of poses differ; RefusedError when the motions leave the result undetermined (by
-    name, with the cure), or when two readings fit equally well and lead to different results, naming both and the
+    name, with the cure), or when two notations fit equally well and lead to different results, naming both and the
     option that would settle it.
     """
-    ranked = rank(readings, T_camera_target)
+    ranked = rank(notations, T_camera_target)
     wanted = [a for a in ranked if setup in ("auto", a.setup)]
-    stated = _preferred([a for a in wanted if not a.reading.contradicts] or wanted)
+    stated = _preferred([a for a in wanted if not a.notation.contradicts] or wanted)
     best = _preferred(wanted)
     findings: list[Check] = []
     chosen = stated
-    if best.reading.contradicts and _clearly_better(best, stated):
+    if best.notation.contradicts and _clearly_better(best, stated):
         chosen = best
         findings.append(_overruled(stated, best))
-    # Motions that determine nothing let every reading fit, or none: then that is what must be said.
+    # Motions that determine nothing let every notation fit, or none: then that is what must be said.
     motion_report(chosen.A, chosen.T_camera_target).require_determined()
-    rivals = [a for a in wanted if len(a.reading.contradicts) <= len(chosen.reading.contradicts)]
+    rivals = [a for a in wanted if len(a.notation.contradicts) <= len(chosen.notation.contradicts)]
     confidence = _confidence(chosen, rivals)
     findings += _mismatch(chosen, ranked, setup)
     findings += _direction(chosen, ranked)
@@ -99,7 +99,7 @@ def decide(
         )
         findings.append(Check("no-reading-fits", "fail", message, chosen.score))
     message = _message(chosen, ranked, wanted, setup, confidence)
-    return ConventionDecision(chosen.reading, chosen.setup, confidence, message, ranked, tuple(findings))
+    return ConventionDecision(chosen.notation, chosen.setup, confidence, message, ranked, tuple(findings))
 
 
 def _preferred(candidates: Sequence[Alternative]) -> Alternative:
@@ -137,7 +137,7 @@ def same_result(a: Alternative, b: Alternative) -> bool:
 
 def _equivalent(a: Alternative, b: Alternative) -> bool:
     """True for the pair that no data can tell apart: the other direction in the other setup."""
-    return a.setup != b.setup and a.reading.direction != b.reading.direction and np.array_equal(a.X, b.X)
+    return a.setup != b.setup and a.notation.direction != b.notation.direction and np.array_equal(a.X, b.X)
 
 
 def _confidence(chosen: Alternative, rivals: Sequence[Alternative]) -> float:
@@ -170,18 +170,18 @@ def _confidence(chosen: Alternative, rivals: Sequence[Alternative]) -> float:
 def _settling_options(a: Alternative, b: Alternative) -> str:
     pairs = (
         ("--setup", a.setup, b.setup),
-        ("--pose-units", a.reading.units, b.reading.units),
-        ("--pose-rotation", a.reading.rotation, b.reading.rotation),
-        ("--pose-angle", a.reading.angle, b.reading.angle),
-        ("--pose-direction", a.reading.direction, b.reading.direction),
+        ("--pose-units", a.notation.units, b.notation.units),
+        ("--pose-rotation", a.notation.rotation, b.notation.rotation),
+        ("--pose-angle", a.notation.angle, b.notation.angle),
+        ("--pose-direction", a.notation.direction, b.notation.direction),
     )
     return ", ".join(f"{option} {first} or {second}" for option, first, second in pairs if first != second)
 
 
 def _overruled(stated: Alternative, best: Alternative) -> Check:
     message = (
-        f"{'; '.join(best.reading.contradicts)}, but read so the loop leaves {stated.loop_text}; read as "
-        f"{best.reading.description} it closes to {best.loop_text}, and that is used"
+        f"{'; '.join(best.notation.contradicts)}, but read so the loop leaves {stated.loop_text}; read as "
+        f"{best.notation.description} it closes to {best.loop_text}, and that is used"
     )
     return Check("header-overruled", "warn", message, stated.loop_rms_mm / max(best.loop_rms_mm, FLOOR_MM))
 
@@ -190,30 +190,30 @@ def _mismatch(chosen: Alternative, ranked: Sequence[Alternative], setup: str) ->
     """The finding that the setup the user gave does not fit poses taken as T_base_gripper, while the other one does."""
     if setup == "auto":
         return []
-    same_reading = [a for a in ranked if _same_notation(a, chosen)]
-    documented = [a for a in same_reading if a.reading.direction == "base-gripper"] or [
-        a for a in same_reading if a.reading.direction == chosen.reading.direction
+    alike = [a for a in ranked if _same_notation(a, chosen)]
+    documented = [a for a in alike if a.notation.direction == "base-gripper"] or [
+        a for a in alike if a.notation.direction == chosen.notation.direction
     ]
     given = next((a for a in documented if a.setup == setup), None)
     other = next((a for a in documented if a.setup != setup), None)
     if given is None or other is None or not _clearly_better(other, given):
         return []
-    if chosen.reading.direction == "gripper-base" and chosen.plausible and not other.plausible:
+    if chosen.notation.direction == "gripper-base" and chosen.plausible and not other.plausible:
         return []  # the setup is right and the poses are inverted: said by _direction
     message = (
         f"the data do not fit {setup}: its loop leaves {given.loop_text}, that of {other.setup} {other.loop_text}; use "
         f"--setup {other.setup}"
     )
-    if given.reading.direction == "base-gripper":
+    if given.notation.direction == "base-gripper":
         message += ", or --pose-direction gripper-base if the file holds T_gripper_base"
     return [Check("setup-mismatch", "fail", message, given.loop_rms_mm / max(other.loop_rms_mm, FLOOR_MM))]
 
 
 def _direction(chosen: Alternative, ranked: Sequence[Alternative]) -> list[Check]:
     """The finding that the poses are the other way than documented, where neither file nor user said so."""
-    if chosen.reading.direction == "base-gripper" or chosen.score > CONSISTENT:
+    if chosen.notation.direction == "base-gripper" or chosen.score > CONSISTENT:
         return []
-    documented = [a for a in ranked if a.reading.direction == "base-gripper" and _same_notation(a, chosen)]
+    documented = [a for a in ranked if a.notation.direction == "base-gripper" and _same_notation(a, chosen)]
     if not documented:
         return []  # the direction was given
     same_setup = next((a for a in documented if a.setup == chosen.setup), None)
@@ -241,7 +241,7 @@ def _mounting_text(a: Alternative) -> str:
 
 def _same_notation(a: Alternative, b: Alternative) -> bool:
     """True when both read the numbers alike, direction aside."""
-    one, two = a.reading, b.reading
+    one, two = a.notation, b.notation
     return (one.units, one.rotation, one.angle, one.by_axis_names) == (
         two.units,
         two.rotation,
@@ -265,11 +265,11 @@ def _message(
         )
     twin = next((a for a in wanted if _equivalent(chosen, a)), None)
     if twin is not None and setup == "auto":
-        given = "T_gripper_base" if twin.reading.direction == "gripper-base" else "T_base_gripper"
+        given = "T_gripper_base" if twin.notation.direction == "gripper-base" else "T_base_gripper"
         text = f"{twin.setup} with poses given as {given} would fit as well, "
         text += (
             "no data can tell: the documented direction was taken; if the file is the other way, say so with "
-            f"--pose-direction {twin.reading.direction}"
+            f"--pose-direction {twin.notation.direction}"
             if twin.plausible
             else f"but {_mounting_text(twin)}"
         )

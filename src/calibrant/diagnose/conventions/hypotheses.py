@@ -1,9 +1,9 @@
-"""Readings of robot poses and setups, ranked by how the loop A_i X B_i = Z closes.
+"""Notations of robot poses and setups, ranked by how the loop A_i X B_i = Z closes.
 
 1. Notations are sieved by what no X can change: robot and camera must see the same angle between any two poses
    (screw congruence; Chen, "A screw motion approach to uniqueness analysis of head-eye geometry", CVPR 1991).
 2. What is left is solved in closed form on the three quarters of the views that agree best, so that some wrong views do
-   not hide the right reading, and ranked by the rms of the loop over these views.
+   not hide the right notation, and ranked by the rms of the loop over these views.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from calibrant.calibrate.hand_eye.loop.motion import motion_report
 from calibrant.calibrate.solvers.park import park
 from calibrant.calibrate.solvers.relative import PosePairs, pair_indices, sample
 from calibrant.errors import InputError
-from calibrant.formats.poses.readings import PoseReading
+from calibrant.formats.poses.notations import PoseNotation
 from calibrant.geometry import se3, so3
 
 Array = NDArray[np.float64]
@@ -29,7 +29,7 @@ Setup = Literal["eye-in-hand", "eye-to-hand"]
 SETUPS: tuple[Setup, Setup] = ("eye-in-hand", "eye-to-hand")
 
 KEPT = 0.75
-"""Share of the views that judges a reading; the worst quarter may be flipped, mispaired or badly seen."""
+"""Share of the views that judges a notation; the worst quarter may be flipped, mispaired or badly seen."""
 LONG, MOST_TO_CHOOSE = 200, 60
 """Poses of a longer session that the views which agree are chosen by; the loop is then solved and judged with all."""
 FLOOR_MM, FLOOR_DEG = 1e-3, 1e-3
@@ -41,7 +41,7 @@ SIEVE_RATIO, SIEVE_DEG = 4.0, 0.5
 the median of pairs varies by less than a factor of two between halves of one data set."""
 CARRIED_M, CARRIED_RATIO = 0.5, 2.0
 """Nobody carries a camera or a target more than half a metre from the gripper and twice as far as the other one stands
-from the base: where a reading says so, the poses are the other way round."""
+from the base: where a notation says so, the poses are the other way round."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ class Alternative:
     normal form; T_camera_target (n, 4, 4), metres.
     """
 
-    reading: PoseReading
+    notation: PoseNotation
     setup: Setup
     loop_rms_mm: float
     loop_rms_deg: float
@@ -68,7 +68,7 @@ class Alternative:
     @property
     def A(self) -> Array:
         """(n, 4, 4) of the normal form A_i X B_i = Z."""
-        return robot_side(self.reading.T_base_gripper, self.setup)
+        return robot_side(self.notation.T_base_gripper, self.setup)
 
     @cached_property
     def mounting(self) -> tuple[float, float]:
@@ -86,7 +86,7 @@ class Alternative:
     @property
     def description(self) -> str:
         """The hypothesis in words."""
-        return f"{self.reading.description}, {self.setup}"
+        return f"{self.notation.description}, {self.setup}"
 
     @property
     def loop_text(self) -> str:
@@ -100,35 +100,35 @@ def robot_side(T_base_gripper: ArrayLike, setup: Setup) -> Array:
     return T if setup == "eye-in-hand" else se3.inverse(T)
 
 
-def rank(readings: Sequence[PoseReading], T_camera_target: ArrayLike) -> tuple[Alternative, ...]:
-    """Every reading in both setups, the best loop first; readings whose angles disagree with the camera's are left out.
+def rank(notations: Sequence[PoseNotation], T_camera_target: ArrayLike) -> tuple[Alternative, ...]:
+    """Every notation in both setups, the best loop first; those whose angles disagree with the camera's are left out.
 
-    Raises: InputError when there is no reading, or the numbers of poses differ; RefusedError below three poses.
+    Raises: InputError when there is no notation, or the numbers of poses differ; RefusedError below three poses.
     """
-    if not readings:
+    if not notations:
         raise InputError("no reading of the robot poses to choose from")
     B = se3.check(T_camera_target, name="T_camera_target")
-    n = len(readings[0].ids)
+    n = len(notations[0].ids)
     if len(B) != n:
         raise InputError(f"{n} robot poses but {len(B)} target poses; give one target pose for each robot pose")
     if n < 3:
-        motion_report(readings[0].T_base_gripper, B).require_determined()
+        motion_report(notations[0].T_base_gripper, B).require_determined()
     solved: dict[tuple[object, ...], Alternative] = {}
     out = []
-    for reading in _sieved(readings, B):
+    for notation in _sieved(notations, B):
         for setup in SETUPS:
             # Inverted eye-in-hand and eye-to-hand are one set of equations: solve it once.
-            inverted = (reading.direction == "gripper-base") != (setup == "eye-to-hand")
-            key = (reading.units, *reading.notation, inverted)
+            inverted = (notation.direction == "gripper-base") != (setup == "eye-to-hand")
+            key = (notation.units, *notation.rotation_notation, inverted)
             if key not in solved:
-                solved[key] = _solved(reading, setup, B)
-            out.append(replace(solved[key], reading=reading, setup=setup))
+                solved[key] = _solved(notation, setup, B)
+            out.append(replace(solved[key], notation=notation, setup=setup))
     return tuple(sorted(out, key=order_of))
 
 
 def order_of(a: Alternative) -> tuple[float, int, int]:
     """Best loop first; what is equal, by what is documented: nothing contradicted, poses as T_base_gripper."""
-    return (round(misfit_of(a), 9), len(a.reading.contradicts), int(a.reading.direction != "base-gripper"))
+    return (round(misfit_of(a), 9), len(a.notation.contradicts), int(a.notation.direction != "base-gripper"))
 
 
 def misfit_of(a: Alternative) -> float:
@@ -136,14 +136,14 @@ def misfit_of(a: Alternative) -> float:
     return float(np.log(a.loop_rms_mm + FLOOR_MM) + np.log(a.loop_rms_deg + FLOOR_DEG))
 
 
-def notation_angles(readings: Sequence[PoseReading]) -> dict[tuple[str, str, bool], Array]:
+def notation_angles(notations: Sequence[PoseNotation]) -> dict[tuple[str, str, bool], Array]:
     """By notation, the angles between any two poses, rad: what neither X nor the direction or unit of poses changes."""
     angles: dict[tuple[str, str, bool], Array] = {}
-    for reading in readings:
-        if reading.notation not in angles:
+    for notation in notations:
+        if notation.rotation_notation not in angles:
             # |R_j^T R_i| has the same angle as |R_j R_i^T|: the direction of the poses does not matter here.
-            T = reading.T_base_gripper
-            angles[reading.notation] = _relative_angles(T, pair_indices(len(T)))
+            T = notation.T_base_gripper
+            angles[notation.rotation_notation] = _relative_angles(T, pair_indices(len(T)))
     return angles
 
 
@@ -152,13 +152,14 @@ def sieve_limit(best_mismatch: float) -> float:
     return max(SIEVE_RATIO * best_mismatch, best_mismatch + np.deg2rad(SIEVE_DEG))
 
 
-def _sieved(readings: Sequence[PoseReading], B: Array) -> list[PoseReading]:
-    """The readings whose relative angles agree with the target's about as well as the best ones' do."""
+def _sieved(notations: Sequence[PoseNotation], B: Array) -> list[PoseNotation]:
+    """The notations whose relative angles agree with the target's about as well as the best ones' do."""
     camera = _relative_angles(B, pair_indices(len(B)))
-    mismatch = {key: float(np.median(np.abs(a - camera))) for key, a in notation_angles(readings).items()}
+    mismatch = {key: float(np.median(np.abs(a - camera))) for key, a in notation_angles(notations).items()}
     limit = sieve_limit(min(mismatch.values()))
-    # The most believable reading stays, however bad: what the file states is judged by its loop.
-    return [r for r in readings if mismatch[r.notation] <= limit or r.notation == readings[0].notation]
+    # The most believable notation stays, however bad: what the file states is judged by its loop.
+    first = notations[0].rotation_notation
+    return [n for n in notations if mismatch[n.rotation_notation] <= limit or n.rotation_notation == first]
 
 
 def _relative_angles(T: Array, pairs: tuple[NDArray[np.intp], ...]) -> Array:
@@ -168,10 +169,10 @@ def _relative_angles(T: Array, pairs: tuple[NDArray[np.intp], ...]) -> Array:
     return 2 * np.arcsin(np.clip(chord / np.sqrt(8), 0, 1))
 
 
-def _solved(reading: PoseReading, setup: Setup, B: Array) -> Alternative:
+def _solved(notation: PoseNotation, setup: Setup, B: Array) -> Alternative:
     """Closed form on the views that agree: start from congruent screws, then re-choose by the loop (concentration
     steps; Rousseeuw and Van Driessen, "Computing LTS regression for large data sets", 2006)."""
-    A = robot_side(reading.T_base_gripper, setup)
+    A = robot_side(notation.T_base_gripper, setup)
     n = len(A)
     rows = sample(n, MOST_TO_CHOOSE if n > LONG else n)
     kept = np.sort(np.argsort(_incongruence(A[rows], B[rows]), kind="stable")[: _kept_of(len(rows))])
@@ -179,7 +180,7 @@ def _solved(reading: PoseReading, setup: Setup, B: Array) -> Alternative:
     if len(rows) < n:
         kept = _agreeing(A, B, X, errors)
         X, errors = _closed_form(A[kept], B[kept])
-    return Alternative(reading, setup, errors.rms_mm, errors.rms_deg, X, kept, B)
+    return Alternative(notation, setup, errors.rms_mm, errors.rms_deg, X, kept, B)
 
 
 def _kept_of(n: int) -> int:

@@ -65,7 +65,7 @@ def examine(case: Case) -> list[Finding]:
     for symmetry in symmetries(case.points):
         turned = [(int(k), F, p) for k in out for F, p in [_turned(case, int(k), symmetry)] if p > PLAUSIBLE]
         if turned:
-            found.append(_finding(case, symmetry, turned))
+            found.append(_boards_finding(case, symmetry, turned))
     return found
 
 
@@ -86,7 +86,7 @@ def _turned(case: Case, k: int, symmetry: Symmetry) -> tuple[Array, float]:
     return F, float(f_tail(4, freedom, np.sum((d / sigma) ** 2) / 4))
 
 
-def _finding(case: Case, symmetry: Symmetry, turned: list[tuple[int, Array, float]]) -> Finding:
+def _boards_finding(case: Case, symmetry: Symmetry, turned: list[tuple[int, Array, float]]) -> Finding:
     views = [k for k, _, _ in turned]
     F = np.stack([F for _, F, _ in turned])
     fit = case.robust.fit
@@ -100,7 +100,7 @@ def _finding(case: Case, symmetry: Symmetry, turned: list[tuple[int, Array, floa
     return Finding(
         symmetry.name,
         "warn",
-        f"{_listed(names)}: the board is {symmetry.words}; turned back, {evidence.text}",
+        f"{_listed_views(names)}: the board is {symmetry.words}; turned back, {evidence.text}",
         confidence(min(p, CONVINCING)),
         evidence,
         names,
@@ -110,5 +110,5 @@ def _finding(case: Case, symmetry: Symmetry, turned: list[tuple[int, Array, floa
     )
 
 
-def _listed(names: tuple[str, ...]) -> str:
+def _listed_views(names: tuple[str, ...]) -> str:
     return ", ".join(names) if len(names) <= 8 else f"{', '.join(names[:8])} and {len(names) - 8} more"

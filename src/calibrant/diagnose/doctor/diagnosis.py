@@ -16,11 +16,11 @@ from calibrant.diagnose.conventions.hypotheses import Setup
 from calibrant.diagnose.doctor.case import Case, case_of_poses, case_of_views
 from calibrant.diagnose.doctor.finding import Finding
 from calibrant.diagnose.doctor.numbering import finding, numbering_of
-from calibrant.diagnose.doctor.reading import PoseDecision, decide_poses
+from calibrant.diagnose.doctor.pose_notation import PoseDecision, decide_poses
 from calibrant.diagnose.doctor.search import Examination, examine
 from calibrant.diagnose.doctor.timing import times_of
 from calibrant.errors import InputError
-from calibrant.formats.poses.readings import PoseReading
+from calibrant.formats.poses.notations import PoseNotation
 from calibrant.geometry import se3
 
 Array = NDArray[np.float64]
@@ -60,24 +60,24 @@ class Diagnosis:
         return self.numbering.observations(observations, self.examination.case.data.ids)
 
 
-def diagnose_poses(complete: Sequence[PoseReading], T_camera_target: Array, *, setup: Asked = "auto") -> Diagnosis:
+def diagnose_poses(complete: Sequence[PoseNotation], T_camera_target: Array, *, setup: Asked = "auto") -> Diagnosis:
     """Diagnose n robot poses and n target poses (n, 4, 4), metres, that belong together row by row.
 
-    Args: complete, readings of the robot poses, the most believable first (formats.poses.readings).
-    Raises: RefusedError naming degenerate motions, or two readings that fit equally well.
+    Args: complete, notations of the robot poses, the most believable first (formats.poses.notations).
+    Raises: RefusedError naming degenerate motions, or two notations that fit equally well.
     """
     B = se3.check(T_camera_target, name="T_camera_target")
     rows = np.arange(len(B))
     poses = decide_poses(complete, B, rows, setup=setup, measured=True)
     times = times_of(complete[0])
-    case = case_of_poses(poses.reading.poses, B, setup=poses.setup, times=times)
+    case = case_of_poses(poses.notation.poses, B, setup=poses.setup, times=times)
     if poses.inverted_targets:
         case = case.with_inverted_targets()
     return _diagnosis(poses, examine(case))
 
 
 def diagnose_views(
-    complete: Sequence[PoseReading],
+    complete: Sequence[PoseNotation],
     observations: Observations,
     camera: Camera,
     *,
@@ -86,7 +86,7 @@ def diagnose_views(
 ) -> Diagnosis:
     """Diagnose robot poses and the views taken at them.
 
-    Args: complete, readings of the poses in the order of the pictures, their ids the pictures' names, also of those
+    Args: complete, notations of the poses in the order of the pictures, their ids the pictures' names, also of those
     that show no target; observations, whose views carry these names as ids; camera, known or calibrated from the views.
     Raises: InputError for a view without a pose; RefusedError as `diagnose_poses`.
     """
@@ -101,7 +101,7 @@ def diagnose_views(
     poses = decide_poses(complete, any_case.B, rows, setup=setup)
     case = replace(
         case_of_views(
-            poses.reading.poses,
+            poses.notation.poses,
             filled,
             camera,
             setup=poses.setup,
@@ -128,7 +128,7 @@ def _with_gaps(observations: Observations, ids: Sequence[str]) -> Observations:
 
 
 def _diagnosis(poses: PoseDecision, examination: Examination) -> Diagnosis:
-    # That no reading fits is judged again when everything is repaired: the examination has the last word.
+    # That no notation fits is judged again when everything is repaired: the examination has the last word.
     read = [f for f in poses.findings if f.name != "no-reading-fits" or not examination.judged]
     rank = {"fail": 0, "warn": 1, "ok": 2}
     every = sorted((*read, *examination.findings), key=lambda f: rank[f.status])
@@ -161,7 +161,7 @@ def as_result(diagnosis: Diagnosis) -> CalibrationResult:
         views=views,
         options={
             "setup": diagnosis.poses.setup,
-            "pose_reading": diagnosis.poses.decision.reading.description,
+            "pose_reading": diagnosis.poses.decision.notation.description,
             **loops,
         },
         robot_poses=RobotPoses(data.ids, data.T_base_gripper),

@@ -25,7 +25,7 @@ class Loop:
 
     @classmethod
     def of(cls, hypothesis: Alternative) -> Loop:
-        """The loop as a reading of the poses closes it."""
+        """The loop as a notation of the poses closes it."""
         return cls(hypothesis.loop_rms_mm, hypothesis.loop_rms_deg)
 
     @property

@@ -67,7 +67,7 @@ def examine(case: Case) -> list[Finding]:
     gain = case.misfit - best.misfit
     if p > CONVINCING or before < BETTER**2 * after or gain <= 0:
         return []
-    return [_finding(case, best, splits, single, p, gain)]
+    return [_moved_finding(case, best, splits, single, p, gain)]
 
 
 def _splits(case: Case, what: What) -> list[_Split]:
@@ -154,7 +154,7 @@ def _middle(T: Array) -> Array:
     return some[int(np.argmin(gaps.sum(axis=1)))]
 
 
-def _finding(case: Case, best: _Split, splits: list[_Split], single: LoopFit, p: float, gain: float) -> Finding:
+def _moved_finding(case: Case, best: _Split, splits: list[_Split], single: LoopFit, p: float, gain: float) -> Finding:
     n, k = len(case.index), best.first
     rival = min((s.misfit for s in splits if s.what != best.what), default=np.inf)
     places = best.fit.Z if best.what == "target" else best.fit.X

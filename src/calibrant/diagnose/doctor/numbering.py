@@ -17,13 +17,13 @@ from calibrant.diagnose.conventions.hypotheses import SIEVE_DEG, SIEVE_RATIO
 from calibrant.diagnose.doctor.case import Case
 from calibrant.diagnose.doctor.finding import Finding
 from calibrant.diagnose.doctor.significance import CONVINCING, confidence
-from calibrant.formats.poses.readings import PoseReading
+from calibrant.formats.poses.notations import PoseNotation
 from calibrant.geometry import se3
 
 Array = NDArray[np.float64]
 
 
-def numbering_of(case: Case, complete: Sequence[PoseReading]) -> ViewsNumbered | None:
+def numbering_of(case: Case, complete: Sequence[PoseNotation]) -> ViewsNumbered | None:
     """How the views of a case are to be numbered, however the poses are to be read; None where all stay as they are."""
     if case.observations is None:
         return None
@@ -34,11 +34,11 @@ def numbering_of(case: Case, complete: Sequence[PoseReading]) -> ViewsNumbered |
     return numbered_by_robot(turns, sides, case.data.B, case.data.use)
 
 
-def _sides(complete: Sequence[PoseReading], case: Case, order: int) -> list[Array]:
+def _sides(complete: Sequence[PoseNotation], case: Case, order: int) -> list[Array]:
     """The robot's poses in every notation whose angles may be the camera's, and their inverses."""
     distinct: list[Array] = []
-    for reading in complete:
-        T = se3.make(reading.T_base_gripper[:, :3, :3], np.zeros((len(case), 3)))
+    for notation in complete:
+        T = se3.make(notation.T_base_gripper[:, :3, :3], np.zeros((len(case), 3)))
         if not any(np.allclose(T, other) or np.allclose(T, se3.inverse(other)) for other in distinct):
             distinct.append(T)
     if len(distinct) > 1:

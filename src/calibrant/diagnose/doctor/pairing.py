@@ -115,7 +115,7 @@ def congruent_orders(robot: Array, B: Array, used: Index, names: Sequence[str]) 
     Each with its incongruence over the pairs that `pair_indices` chooses: all of them up to a hundred views.
     """
     i, j = pair_indices(len(used))
-    of_robot, angles_b = _angles(robot), _angles_of(B, i, j)
+    of_robot, angles_b = _turn_angles(robot), _angles_of(B, i, j)
     now = incongruence(of_robot(used[i], used[j]), angles_b)
 
     def judged(tried: Iterable[Order]) -> list[tuple[float, Order]]:
@@ -135,7 +135,7 @@ def congruent_orders(robot: Array, B: Array, used: Index, names: Sequence[str]) 
     return found
 
 
-def _angles(T: Array) -> Callable[[Index, Index], Array]:
+def _turn_angles(T: Array) -> Callable[[Index, Index], Array]:
     """Angles (p,) between the rotations of T (n, 4, 4) of rows i and j (p,), rad: looked up where a table fits."""
     if len(T) > MOST_IN_TABLE:
         return partial(_angles_of, T)

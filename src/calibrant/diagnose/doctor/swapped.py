@@ -37,7 +37,7 @@ def examine(case: Case) -> list[Finding]:
     poses, images = linear_sum_assignment(np.minimum(np.log(statistic + 1e-6), 1e3))
     place = {int(i): int(p) for p, i in zip(poses, images)}
     cycles = [c for c in _cycles(place) if len(c) > 1 and all(fits[place[i], i] for i in c)]
-    return [_finding(case, out, place, cycle, deviation) for cycle in cycles]
+    return [_swapped_finding(case, out, place, cycle, deviation) for cycle in cycles]
 
 
 def _cycles(place: dict[int, int]) -> list[list[int]]:
@@ -54,7 +54,9 @@ def _cycles(place: dict[int, int]) -> list[list[int]]:
     return rings
 
 
-def _finding(case: Case, out: NDArray[np.intp], place: dict[int, int], cycle: list[int], deviation: Array) -> Finding:
+def _swapped_finding(
+    case: Case, out: NDArray[np.intp], place: dict[int, int], cycle: list[int], deviation: Array
+) -> Finding:
     rows = np.arange(len(case))
     rows[case.index[out[cycle]]] = case.index[out[[place[i] for i in cycle]]]
     after = case.robust.fit.deviation.copy()

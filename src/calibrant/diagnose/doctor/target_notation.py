@@ -1,7 +1,7 @@
 """How measured poses of the target are written, where their file leaves it open: the loop decides, as for the robot.
 
 The angle between two poses is the same for robot and target, whatever X is (screw congruence; Chen, "A screw motion
-approach to uniqueness analysis of head-eye geometry", CVPR 1991): notations that break it against every reading of the
+approach to uniqueness analysis of head-eye geometry", CVPR 1991): notations that break it against every notation of the
 robot poses are left out, the others are solved with the robot's and ranked by how the loop A_i X B_i = Z closes.
 """
 
@@ -24,7 +24,7 @@ from calibrant.diagnose.conventions.hypotheses import (
 from calibrant.diagnose.doctor.finding import Evidence, Finding, Loop
 from calibrant.diagnose.doctor.significance import confidence
 from calibrant.errors import RefusedError
-from calibrant.formats.poses.readings import PoseReading
+from calibrant.formats.poses.notations import PoseNotation
 
 MOST_POSES = 20
 """Poses that judge a notation: wrong ones leave tens of degrees, which twenty tell from noise as well as all do."""
@@ -32,25 +32,25 @@ MOST_POSES = 20
 
 @dataclass(frozen=True, eq=False)
 class TargetNotation:
-    """The reading of the target poses (its T_base_gripper is T_camera_target), and what is to be said of it."""
+    """The notation of the target poses (its T_base_gripper is T_camera_target), and what is to be said of it."""
 
-    reading: PoseReading
+    notation: PoseNotation
     finding: Finding | None
 
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
-    """A reading of the target poses, and the best loop that any reading of the robot poses closes with it."""
+    """A notation of the target poses, and the best loop that any notation of the robot poses closes with it."""
 
-    reading: PoseReading
+    notation: PoseNotation
     best: Alternative
 
 
-def decide_target_notation(robot: Sequence[PoseReading], target: Sequence[PoseReading]) -> TargetNotation:
-    """The reading of the target poses that closes the loop; the first one where none does, or the data cannot tell.
+def decide_target_notation(robot: Sequence[PoseNotation], target: Sequence[PoseNotation]) -> TargetNotation:
+    """The notation of the target poses that closes the loop; the first one where none does, or the data cannot tell.
 
-    Args: robot and target, the readings of n paired poses, the most believable first (formats.poses.readings).
-    Raises: RefusedError when two readings close the loop equally well and lead to different results.
+    Args: robot and target, the notations of n paired poses, the most believable first (formats.poses.notations).
+    Raises: RefusedError when two notations close the loop equally well and lead to different results.
     """
     n = len(target[0].ids)
     if len(target) == 1 or n < 4:  # three poses close the loop of many notations
@@ -64,30 +64,30 @@ def decide_target_notation(robot: Sequence[PoseReading], target: Sequence[PoseRe
         chosen = first
     if chosen.best.score <= CONSISTENT:
         _refuse_rivals(chosen, candidates)
-    return TargetNotation(chosen.reading, None if chosen is first else _finding(chosen, first))
+    return TargetNotation(chosen.notation, None if chosen is first else _target_notation_finding(chosen, first))
 
 
-def _sieved(robot: Sequence[PoseReading], target: Sequence[PoseReading]) -> list[PoseReading]:
-    """The target's readings whose angles agree with some robot reading's about as well as the best, and the first."""
+def _sieved(robot: Sequence[PoseNotation], target: Sequence[PoseNotation]) -> list[PoseNotation]:
+    """The target's notations whose angles agree with some robot notation's about as well as the best, and the first."""
     of_robot = list(notation_angles(robot).values())
     mismatch = {
         key: min(float(np.median(np.abs(a - angles))) for a in of_robot)
         for key, angles in notation_angles(target).items()
     }
     limit = sieve_limit(min(mismatch.values()))
-    return [t for i, t in enumerate(target) if i == 0 or mismatch[t.notation] <= limit]
+    return [t for i, t in enumerate(target) if i == 0 or mismatch[t.rotation_notation] <= limit]
 
 
 def _better(chosen: _Candidate, first: _Candidate) -> bool:
-    """True when the loop says that the first reading is wrong; more must speak against what a file states."""
+    """True when the loop says that the first notation is wrong; more must speak against what a file states."""
     ratio, p = loop_f_test(chosen.best, first.best)
-    return p <= EQUAL_P and ratio >= (CLEAR_RATIO if chosen.reading.contradicts else EQUAL_RATIO)
+    return p <= EQUAL_P and ratio >= (CLEAR_RATIO if chosen.notation.contradicts else EQUAL_RATIO)
 
 
 def _refuse_rivals(chosen: _Candidate, candidates: Sequence[_Candidate]) -> None:
-    """Raises: RefusedError naming two readings that nothing tells apart."""
+    """Raises: RefusedError naming two notations that nothing tells apart."""
     for rival in candidates:
-        if rival is chosen or len(rival.reading.contradicts) > len(chosen.reading.contradicts):
+        if rival is chosen or len(rival.notation.contradicts) > len(chosen.notation.contradicts):
             continue
         if same_result(chosen.best, rival.best):
             continue
@@ -95,16 +95,16 @@ def _refuse_rivals(chosen: _Candidate, candidates: Sequence[_Candidate]) -> None
         if p > EQUAL_P or ratio < EQUAL_RATIO:
             raise RefusedError(
                 "the target poses can be read in two ways that fit equally well and lead to different results: "
-                f"{chosen.reading.written} (loop {chosen.best.loop_text}) and {rival.reading.written} (loop "
-                f"{rival.best.loop_text}); say which: --target-pose-rotation {chosen.reading.rotation} or "
-                f"{rival.reading.rotation}"
+                f"{chosen.notation.written} (loop {chosen.best.loop_text}) and {rival.notation.written} (loop "
+                f"{rival.best.loop_text}); say which: --target-pose-rotation {chosen.notation.rotation} or "
+                f"{rival.notation.rotation}"
             )
 
 
-def _finding(chosen: _Candidate, first: _Candidate) -> Finding:
+def _target_notation_finding(chosen: _Candidate, first: _Candidate) -> Finding:
     evidence = Evidence(Loop.of(first.best), Loop.of(chosen.best))
-    against = "; ".join(chosen.reading.contradicts)
-    message = f"the target poses are {chosen.reading.written}, read so: {evidence.text}"
+    against = "; ".join(chosen.notation.contradicts)
+    message = f"the target poses are {chosen.notation.written}, read so: {evidence.text}"
     _, p = loop_f_test(chosen.best, first.best)
     if against:
         return Finding("target-pose-rotation", "warn", f"{message} ({against})", confidence(p), evidence)

@@ -17,7 +17,7 @@ from calibrant.data import Measured
 from calibrant.diagnose.doctor.case import Case, loop_of
 from calibrant.diagnose.doctor.finding import Evidence, Finding
 from calibrant.diagnose.doctor.significance import CONVINCING, confidence, nested_test
-from calibrant.formats.poses.readings import PoseReading
+from calibrant.formats.poses.notations import PoseNotation
 from calibrant.geometry import se3
 
 Array = NDArray[np.float64]
@@ -28,12 +28,12 @@ BETTER = 1.3
 """The loop must become 1.3 times narrower: velocities from differences explain a little of anything."""
 
 
-def times_of(reading: PoseReading) -> Array | None:
+def times_of(notation: PoseNotation) -> Array | None:
     """Seconds (n,) of a file's own column of times, or of names that are time stamps; None where they do not grow."""
-    if reading.times is None:
-        return times_of_names(reading.ids)
-    grows = len(reading.times) > 1 and bool(np.all(np.diff(reading.times) > 0))
-    return reading.times - reading.times[0] if grows else None
+    if notation.times is None:
+        return times_of_names(notation.ids)
+    grows = len(notation.times) > 1 and bool(np.all(np.diff(notation.times) > 0))
+    return notation.times - notation.times[0] if grows else None
 
 
 def times_of_names(names: tuple[str, ...]) -> Array | None:

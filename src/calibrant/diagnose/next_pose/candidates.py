@@ -89,7 +89,7 @@ def candidates(
     kept: list[Candidates] = []
     tally = np.zeros(4, dtype=np.int64)  # drawn, in view, reached, clear
     for _ in range(_ROUNDS):
-        B = _views(points, _DRAWN * count, camera, wanted, rng)
+        B = _board_views(points, _DRAWN * count, camera, wanted, rng)
         visible = in_view(camera, points, B)
         seen = visible.mean(axis=1) >= wanted.in_view
         B, visible = B[seen], visible[seen]
@@ -120,7 +120,7 @@ def _too_few(tally: NDArray[np.int64], wishes: Wishes) -> str:
     return f"{text}: make room, or check the geometry file"
 
 
-def _views(points: Array, n: int, camera: Camera, wishes: Wishes, rng: np.random.Generator) -> Array:
+def _board_views(points: Array, n: int, camera: Camera, wishes: Wishes, rng: np.random.Generator) -> Array:
     """Target poses (n, 4, 4): its middle on a random pixel's ray, tilted evenly over the disc, turned about it."""
     width, height = camera.image_size
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))

@@ -24,12 +24,12 @@ def _fields(data: Mapping[str, Any]) -> Mapping[str, Any]:
     return inner if isinstance(inner, Mapping) else data
 
 
-def _matches(data: Mapping[str, Any]) -> bool:
+def _is_named(data: Mapping[str, Any]) -> bool:
     fields = _fields(data)
     return all(key in fields for key in _FOCAL)
 
 
-def _read(data: Mapping[str, Any], image_size: Size | None) -> Camera:
+def _named_camera(data: Mapping[str, Any], image_size: Size | None) -> Camera:
     fields = {**data, **_fields(data)}
     parameters = {key: single(fields, key) for key in (*_FOCAL, "skew", *TERMS) if key in fields}
     width, height = (fields.get(key, fields.get(f"image_{key}")) for key in ("width", "height"))
@@ -41,4 +41,4 @@ def _read(data: Mapping[str, Any], image_size: Size | None) -> Camera:
     return placed_camera(smallest_model(terms, skew), parameters, found, image_size)
 
 
-NAMED_INTRINSICS = CameraFormat("named intrinsics (fx, fy, cx, cy)", _matches, _read)
+NAMED_INTRINSICS = CameraFormat("named intrinsics (fx, fy, cx, cy)", _is_named, _named_camera)

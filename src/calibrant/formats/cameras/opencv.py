@@ -92,19 +92,19 @@ def write_intrinsics(
     return write_text(yaml_text(values), path, force=force)
 
 
-def _matches(data: Mapping[str, Any]) -> bool:
-    return _matrix(data) is not None
+def _is_opencv(data: Mapping[str, Any]) -> bool:
+    return _camera_matrix(data) is not None
 
 
-def _read(data: Mapping[str, Any], image_size: Size | None) -> Camera:
-    K = _matrix(data)
+def _opencv_camera(data: Mapping[str, Any], image_size: Size | None) -> Camera:
+    K = _camera_matrix(data)
     if K is None:
         raise InputError("no 3x3 camera matrix")
     named = {_key(k): v for k, v in data.items()}
     distortion: Any = next((named[k] for k in _DISTORTION_KEYS if k in named), [])
     model = _model_named(named)
     terms = numbers(distortion, "distortion")
-    found = _size(named)
+    found = _stated_size(named)
     if model in _TERMS and model != "pinhole":
         camera = _named_model(model, K, named, terms, found, image_size)
     else:
@@ -149,7 +149,7 @@ def _with_sigma(camera: Camera, named: Mapping[str, Any]) -> Camera:
     return Camera.create(camera.model.name, camera.parameters, image_size=camera.image_size, covariance=covariance)
 
 
-def _matrix(data: Mapping[str, Any]) -> NDArray | None:
+def _camera_matrix(data: Mapping[str, Any]) -> NDArray | None:
     """The file's camera matrix, if it holds one. Raises: InputError when it holds the matrices of two cameras."""
     named = {_key(k): v for k, v in data.items()}
     found = {k: named[k] for k in _MATRIX_KEYS if isinstance(named.get(k), np.ndarray) and named[k].shape == (3, 3)}
@@ -158,7 +158,7 @@ def _matrix(data: Mapping[str, Any]) -> NDArray | None:
     return next(iter(found.values()), None)
 
 
-def _size(named: Mapping[str, Any]) -> Size | None:
+def _stated_size(named: Mapping[str, Any]) -> Size | None:
     width = next((named[k] for k in _WIDTH_KEYS if k in named), None)
     height = next((named[k] for k in _HEIGHT_KEYS if k in named), None)
     if width is not None and height is not None:
@@ -174,4 +174,4 @@ def _key(name: Any) -> str:
     return str(name).lower().replace("_", "").replace("-", "").replace(" ", "")
 
 
-OPENCV = CameraFormat("OpenCV FileStorage (camera_matrix, distortion_coefficients)", _matches, _read)
+OPENCV = CameraFormat("OpenCV FileStorage (camera_matrix, distortion_coefficients)", _is_opencv, _opencv_camera)

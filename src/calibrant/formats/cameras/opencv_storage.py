@@ -30,7 +30,7 @@ class _Loader(yaml.SafeLoader):
 def _construct_matrix(loader: yaml.SafeLoader, node: yaml.Node) -> NDArray:
     if not isinstance(node, yaml.MappingNode):
         raise InputError("an opencv-matrix without rows, cols, dt and data")
-    return _matrix({str(key): value for key, value in loader.construct_mapping(node, deep=True).items()})
+    return _stored_matrix({str(key): value for key, value in loader.construct_mapping(node, deep=True).items()})
 
 
 _Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _construct_matrix)
@@ -81,7 +81,7 @@ def yaml_text(values: Mapping[str, NDArray | float | int | str]) -> str:
             lines += _yaml_matrix(key, np.atleast_2d(value))
         else:
             lines.append(
-                f"{key}: {json.dumps(value, ensure_ascii=False) if isinstance(value, str) else _number(value)}"
+                f"{key}: {json.dumps(value, ensure_ascii=False) if isinstance(value, str) else _number_text(value)}"
             )
     return "\n".join(lines) + "\n"
 
@@ -90,7 +90,7 @@ def _yaml_matrix(key: str, matrix: NDArray) -> list[str]:
     rows, cols = matrix.shape
     head = [f"{key}: !!opencv-matrix", f"   rows: {rows}", f"   cols: {cols}", "   dt: d"]
     line, lines = "   data: [ ", []
-    numbers = [_number(float(x)) for x in matrix.ravel()]
+    numbers = [_number_text(float(x)) for x in matrix.ravel()]
     for i, number in enumerate(numbers):
         piece = number + (", " if i + 1 < len(numbers) else " ]")
         if len(line) + len(piece) > _LENGTH_OF_LINE:
@@ -100,7 +100,7 @@ def _yaml_matrix(key: str, matrix: NDArray) -> list[str]:
     return [*head, *lines, line]
 
 
-def _number(value: float | int) -> str:
+def _number_text(value: float | int) -> str:
     """A double as FileStorage writes it: 17 digits, and a point, which YAML 1.1 wants in every float."""
     if isinstance(value, int):
         return str(value)
@@ -110,7 +110,7 @@ def _number(value: float | int) -> str:
 
 
 def _json_object(data: dict[str, Any]) -> Any:
-    return _matrix(data) if data.get("type_id") in ("opencv-matrix", "opencv-nd-matrix") else data
+    return _stored_matrix(data) if data.get("type_id") in ("opencv-matrix", "opencv-nd-matrix") else data
 
 
 def _xml_value(element: ElementTree.Element) -> Any:
@@ -118,7 +118,7 @@ def _xml_value(element: ElementTree.Element) -> Any:
     text = (element.text or "").strip()
     if (element.get("type_id") or "").startswith("opencv-"):
         fields = {child.tag: (child.text or "").strip() for child in children}
-        return _matrix({**fields, "data": fields.get("data", "").split()})
+        return _stored_matrix({**fields, "data": fields.get("data", "").split()})
     if children and all(child.tag == "_" for child in children):
         return [_xml_value(child) for child in children]
     if children:
@@ -138,7 +138,7 @@ def _scalar(text: str) -> Any:
     return text
 
 
-def _matrix(fields: Mapping[str, Any]) -> NDArray:
+def _stored_matrix(fields: Mapping[str, Any]) -> NDArray:
     """The array of an opencv-matrix. Raises: InputError when keys are missing or the count of numbers is wrong."""
     missing = [key for key in ("dt", "data") if key not in fields]
     if missing:

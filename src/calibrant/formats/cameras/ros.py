@@ -57,28 +57,28 @@ def write_camera_info(camera: Camera, path: str | Path, *, name: str = "camera",
         "image_width": camera.image_size[0],
         "image_height": camera.image_size[1],
         "camera_name": name,
-        "camera_matrix": _matrix(camera.K),
+        "camera_matrix": _matrix_entry(camera.K),
         "distortion_model": model,
-        "distortion_coefficients": _matrix(np.array([[p.get(term, 0.0) for term in terms]])),
-        "rectification_matrix": _matrix(np.eye(3)),
-        "projection_matrix": _matrix(np.concatenate([camera.K, np.zeros((3, 1))], axis=1)),
+        "distortion_coefficients": _matrix_entry(np.array([[p.get(term, 0.0) for term in terms]])),
+        "rectification_matrix": _matrix_entry(np.eye(3)),
+        "projection_matrix": _matrix_entry(np.concatenate([camera.K, np.zeros((3, 1))], axis=1)),
     }
     return write_text(yaml.safe_dump(values, sort_keys=False, default_flow_style=None), path, force=force)
 
 
-def _matrix(values: np.ndarray) -> dict[str, object]:
+def _matrix_entry(values: np.ndarray) -> dict[str, object]:
     rows, columns = values.shape
     return {"rows": rows, "cols": columns, "data": values.ravel().tolist()}
 
 
-def _matches(data: Mapping[str, Any]) -> bool:
+def _is_ros(data: Mapping[str, Any]) -> bool:
     matrix = data.get("camera_matrix")
     file = isinstance(matrix, Mapping) and "data" in matrix
     message = any(k in data for k in ("K", "k")) and any(k in data for k in ("D", "d")) and "distortion_model" in data
     return file or message
 
 
-def _read(data: Mapping[str, Any], image_size: Size | None) -> Camera:
+def _ros_camera(data: Mapping[str, Any], image_size: Size | None) -> Camera:
     model = str(data.get("distortion_model", "plumb_bob"))
     if model not in (*_PERSPECTIVE, _EQUIDISTANT):
         raise InputError(
@@ -111,4 +111,4 @@ def _equidistant(K: np.ndarray, terms: np.ndarray, found: Size | None, image_siz
     return placed_camera("kannala_brandt", {"fx": fx, "fy": fy, "cx": cx, "cy": cy, **named}, found, image_size)
 
 
-ROS_CAMERA_INFO = CameraFormat("ROS camera_info YAML", _matches, _read)
+ROS_CAMERA_INFO = CameraFormat("ROS camera_info YAML", _is_ros, _ros_camera)

@@ -58,10 +58,10 @@ def read_document(
     pairs = [_pair(entry) for entry in entries]
     if all(pair is not None for pair in pairs):
         robot, target = ([pair[k] for pair in pairs if pair is not None] for k in (0, 1))
-        return _table(robot, places, source, names, stated, read_reference), _table(
+        return _table_of(robot, places, source, names, stated, read_reference), _table_of(
             target, places, source, names, NOTHING_STATED, read_reference
         )
-    return _table(entries, places, source, names, stated, read_reference), None
+    return _table_of(entries, places, source, names, stated, read_reference), None
 
 
 def _unfolded(data: Any) -> Any:
@@ -82,7 +82,7 @@ def _unfolded(data: Any) -> Any:
     return {key: _unfolded(value) for key, value in data.items()}
 
 
-def _table(
+def _table_of(
     entries: Sequence[Any],
     places: tuple[str, ...],
     source: str,
@@ -128,7 +128,7 @@ def _entries(data: Any, source: str) -> tuple[list[Any], tuple[str, ...] | None,
         if keys and all(isinstance(v, Mapping | list) for v in data.values()):
             return list(data.values()), tuple(str(k) for k in data), NOTHING_STATED
         raise InputError(
-            f"{source}: no poses under the keys {_listed(data)}; expected a list of poses, or fields x, y, z, …"
+            f"{source}: no poses under the keys {_listed_keys(data)}; expected a list of poses, or fields x, y, z, …"
         )
     if isinstance(data, list):
         if data and (not any(isinstance(v, Mapping | list) for v in data) or _is_matrix(data)):
@@ -320,5 +320,5 @@ def _key(key: Any) -> str:
     return re.sub(r"[^0-9a-z]", "", str(key).lower())
 
 
-def _listed(data: Mapping[Any, Any]) -> str:
+def _listed_keys(data: Mapping[Any, Any]) -> str:
     return ", ".join(repr(str(k)) for k in list(data)[:8]) or "(none)"

@@ -56,7 +56,7 @@ def find_joints(header: Sequence[str]) -> JointColumns | None:
             complete[stem] = [columns[n] for n in numbers]
     if len(complete) > 1:
         raise InputError(f"several sets of joints: {', '.join(complete)}; keep the columns of one")
-    return None if not complete else _columns(header, next(iter(complete.values())))
+    return None if not complete else _joint_columns(header, next(iter(complete.values())))
 
 
 def joints_of_robot(header: Sequence[str], chain: KinematicChain) -> JointColumns:
@@ -68,7 +68,7 @@ def joints_of_robot(header: Sequence[str], chain: KinematicChain) -> JointColumn
     wanted = [re.sub(r"[^0-9a-z]", "", j.name.lower()) for j in chain.joints]
     missing = [j.name for j, key in zip(chain.joints, wanted) if key not in keys]
     if not missing:
-        return _columns(header, [keys.index(key) for key in wanted])
+        return _joint_columns(header, [keys.index(key) for key in wanted])
     listed = ", ".join(j.name for j in chain.joints)
     found = find_joints(header)
     if found is None or len(missing) < len(wanted):
@@ -110,7 +110,7 @@ def joint_values(
 
 
 def poses_from_joints(table: PoseTable, chain: KinematicChain, *, angle: str) -> RawPoses:
-    """T_base_flange of every row by forward kinematics, as poses whose reading is settled.
+    """T_base_flange of every row by forward kinematics, as poses whose notation is settled.
 
     Raises: InputError naming the file: joints that are missing, unknown, or beyond their limits.
     """
@@ -163,7 +163,7 @@ def _bare(table: PoseTable, chain: KinematicChain) -> JointColumns | None:
     return JointColumns(tuple(range(first, first + n)), tuple(f"number {k + 1}" for k in range(n)), ("",) * n)
 
 
-def _columns(header: Sequence[str], index: Sequence[int]) -> JointColumns:
+def _joint_columns(header: Sequence[str], index: Sequence[int]) -> JointColumns:
     units = [name_and_unit(header[i])[1] for i in index]
     for i, unit in zip(index, units):
         if unit not in _FACTORS:

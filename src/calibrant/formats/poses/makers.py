@@ -109,6 +109,6 @@ def in_format(table: PoseTable, fmt: RobotFormat) -> PoseTable:
 
 
 def merged(asked: PoseOptions, fmt: RobotFormat) -> PoseOptions:
-    """The maker's reading, except where the user says otherwise."""
+    """The maker's notation, except where the user says otherwise."""
     own = vars(fmt.options)
     return PoseOptions(**{key: own[key] if value == "auto" else value for key, value in vars(asked).items()})

@@ -25,9 +25,9 @@ from calibrant.formats.poses.joint_columns import (
     without,
 )
 from calibrant.formats.poses.makers import merged, robot_format
+from calibrant.formats.poses.notations import notations, options
 from calibrant.formats.poses.raw import PoseOptions
 from calibrant.formats.poses.read import read_table, refuse_ambiguous
-from calibrant.formats.poses.readings import options, readings
 from calibrant.formats.poses.rows import PoseTable, numbers_of, raw_poses
 from calibrant.robots.chain import KinematicChain
 
@@ -63,9 +63,9 @@ def read_measurements(
     if has_rotation(rest.header):
         raw = replace(raw_poses(rest), options=asked)
         refuse_ambiguous(raw)
-        reading = readings(raw)[0]
-        T = reading.T_base_gripper
-        source = f"{table.source}: {words}; {reading.description}"
+        notation = notations(raw)[0]
+        T = notation.T_base_gripper
+        source = f"{table.source}: {words}; {notation.description}"
         return JointMeasurements(ids, q, T[:, :3, 3], T[:, :3, :3], names, source)
     positions, unit = _positions(rest, asked)
     source = f"{table.source}: {words}; positions in {unit}"

@@ -1,6 +1,6 @@
 """Reading robot poses (and target poses) from any file a person could plausibly hand in.
 
-`read_poses` reads the numbers and what the file says about them; `readings` (pose_readings) lists what they can mean;
+`read_poses` reads the numbers and what the file says about them; `notations` lists what they can mean;
 `diagnose.conventions.decide` chooses among these by the data. A syntax is a file of its own and an entry of READERS.
 """
 
@@ -23,12 +23,12 @@ from calibrant.formats.poses.documents import read_document
 from calibrant.formats.poses.joint_columns import find_joints, poses_from_joints
 from calibrant.formats.poses.makers import RobotFormat, controller_text, in_format, merged, robot_format
 from calibrant.formats.poses.natural_order import natural_key
+from calibrant.formats.poses.notations import PoseNotation as PoseNotation
+from calibrant.formats.poses.notations import excluded as excluded
+from calibrant.formats.poses.notations import notations as notations
+from calibrant.formats.poses.notations import options as options
 from calibrant.formats.poses.prints import read_documents, read_lines, read_printed
 from calibrant.formats.poses.raw import RawPoses as RawPoses
-from calibrant.formats.poses.readings import PoseReading as PoseReading
-from calibrant.formats.poses.readings import excluded as excluded
-from calibrant.formats.poses.readings import options as options
-from calibrant.formats.poses.readings import readings as readings
 from calibrant.formats.poses.rows import PoseTable, raw_poses
 from calibrant.formats.poses.text import read_labelled_pairs, read_text_table
 from calibrant.formats.poses.time_column import times_beside
@@ -51,7 +51,7 @@ def read_poses(
     """Raw poses from one file, or one file a pose: a list of paths, a folder, or a pattern such as poses/*.yaml.
 
     Files a pose are put in natural order and named by their stem. The options say how the numbers are to be read and
-    go with the result to `readings`: units m, mm; rotation quat-xyzw, quat-wxyz, rotvec, euler:ZYX (any of the 24
+    go with the result to `notations`: units m, mm; rotation quat-xyzw, quat-wxyz, rotvec, euler:ZYX (any of the 24
     orders), matrix; angle deg, rad; direction base-gripper (T_base_gripper), gripper-base; each auto by default.
 
     With a `robot` the files hold joint values (columns q1, q2 … or the joints' names), and its forward kinematics gives
@@ -92,7 +92,7 @@ def refuse_ambiguous(raw: RawPoses) -> None:
             f"{raw.source}: three numbers a rotation, and nothing says what they are; say it: --pose-rotation rotvec, "
             "euler:ZYX …, or --robot-format ur, kuka …"
         )
-    if three and stated.angle is None and asked.angle == "auto" and len({r.angle for r in readings(raw)}) > 1:
+    if three and stated.angle is None and asked.angle == "auto" and len({r.angle for r in notations(raw)}) > 1:
         raise InputError(f"{raw.source}: rotations in degrees or radians? Say it: --pose-angle deg or rad")
 
 

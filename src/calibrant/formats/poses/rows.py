@@ -80,7 +80,7 @@ def numbers_of(table: PoseTable, columns: Sequence[int], *, bounded: bool = True
 
     `bounded` numbers are lengths and angles, whose size has a limit; times have none.
     """
-    read = _number if bounded else _any_number
+    read = _cell_number if bounded else _any_number
     return np.array(
         [
             [read(row[i], table.header[i], where) for i in columns]
@@ -147,7 +147,7 @@ def upright(matrices: Sequence[Sequence[Cell]]) -> tuple[tuple[tuple[Cell, ...],
 def bottom_rows(matrices: Sequence[Sequence[Cell]], places: Sequence[str]) -> None:
     """Raises: InputError when the last row of a 4x4 matrix is not 0 0 0 1."""
     for cells, where in zip(matrices, places):
-        row = [_number(cell, "last row", where) for cell in cells[12:]]
+        row = [_cell_number(cell, "last row", where) for cell in cells[12:]]
         if np.abs(np.array(row) - [0, 0, 0, 1]).max() > 1e-9:
             raise InputError(f"{where}: the last row of the 4x4 matrix is {row}, expected [0, 0, 0, 1]")
 
@@ -160,7 +160,7 @@ def _rotations(R: Array, t: Array, places: tuple[str, ...]) -> Array:
     return np.array([T[:3, :3] for T in checked])
 
 
-def _number(cell: Cell, column: str, where: str) -> float:
+def _cell_number(cell: Cell, column: str, where: str) -> float:
     value = _any_number(cell, column, where)
     if math.isfinite(value) and abs(value) > _LARGEST:
         raise InputError(

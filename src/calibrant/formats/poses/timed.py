@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from calibrant.errors import InputError
 from calibrant.formats.poses.joint_columns import poses_from_joints
 from calibrant.formats.poses.makers import merged, robot_format
+from calibrant.formats.poses.notations import PoseNotation, notations, options
 from calibrant.formats.poses.read import read_table, refuse_ambiguous
-from calibrant.formats.poses.readings import PoseReading, options, readings
 from calibrant.formats.poses.rows import PoseTable, raw_poses
 from calibrant.formats.poses.time_column import in_seconds, split_times
 from calibrant.robots.chain import KinematicChain
@@ -54,11 +54,11 @@ def read_timed_poses(
     else:
         raw = replace(raw_poses(table), options=asked if fmt is None else merged(asked, fmt))
         refuse_ambiguous(raw)
-    reading: PoseReading = readings(raw)[0]
-    repeated = _repeated(times, reading.T_base_gripper)
+    notation: PoseNotation = notations(raw)[0]
+    repeated = _repeated(times, notation.T_base_gripper)
     note = f"; {int(repeated.sum())} samples that repeat the one before are left out" if repeated.any() else ""
-    T = reading.T_base_gripper[~repeated]
-    return TimedPoses(times[~repeated], T, f"{table.source}: {reading.description}{note}")
+    T = notation.T_base_gripper[~repeated]
+    return TimedPoses(times[~repeated], T, f"{table.source}: {notation.description}{note}")
 
 
 def _repeated(times: Array, T: Array) -> NDArray[np.bool_]:

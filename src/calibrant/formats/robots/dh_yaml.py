@@ -44,7 +44,7 @@ def parse_dh(text: str, source: str) -> StandardDH | ModifiedDH:
         raise InputError(f"{source}: units is {units!r}, expected {{length: m or mm, angle: rad or deg}}")
     length, angle = _LENGTHS[units["length"]], _ANGLES[units["angle"]]
     rows, joints = zip(
-        *(_row(e, f"{source}: joint {i}", length, angle, i) for i, e in enumerate(data["joints"], start=1))
+        *(_dh_row(e, f"{source}: joint {i}", length, angle, i) for i, e in enumerate(data["joints"], start=1))
     )
     return CONVENTIONS[convention](rows, joints)
 
@@ -73,7 +73,7 @@ def dh_text(chain: DHChain) -> str:
     return yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=200)
 
 
-def _row(entry: Any, where: str, length: float, angle: float, index: int) -> tuple[DHRow, Joint]:
+def _dh_row(entry: Any, where: str, length: float, angle: float, index: int) -> tuple[DHRow, Joint]:
     if not isinstance(entry, Mapping):
         raise InputError(f"{where} is {entry!r}, expected the keys a, alpha, d, theta")
     unknown = [str(k) for k in entry if k not in _KEYS]
@@ -84,21 +84,21 @@ def _row(entry: Any, where: str, length: float, angle: float, index: int) -> tup
         raise InputError(f"{where}: kind is {kind!r}, expected revolute or prismatic")
     unit = angle if kind == "revolute" else length
     row = DHRow(
-        a=_number(entry, "a", where) * length,
-        alpha=_number(entry, "alpha", where) * angle,
-        d=_number(entry, "d", where) * length,
-        theta=_number(entry, "theta", where, 0.0) * angle,
-        beta=_number(entry, "beta", where, 0.0) * angle,
+        a=_dh_number(entry, "a", where) * length,
+        alpha=_dh_number(entry, "alpha", where) * angle,
+        d=_dh_number(entry, "d", where) * length,
+        theta=_dh_number(entry, "theta", where, 0.0) * angle,
+        beta=_dh_number(entry, "beta", where, 0.0) * angle,
     )
     missing = None if kind == "prismatic" else math.pi / unit
-    lower = _number(entry, "lower", where, None if missing is None else -missing, endless=True) * unit
-    upper = _number(entry, "upper", where, missing, endless=True) * unit
+    lower = _dh_number(entry, "lower", where, None if missing is None else -missing, endless=True) * unit
+    upper = _dh_number(entry, "upper", where, missing, endless=True) * unit
     if not lower < upper:
         raise InputError(f"{where} ({name}): limits {lower / unit:g} to {upper / unit:g}; the lower comes first")
     return row, Joint(name, lower, upper, kind)
 
 
-def _number(
+def _dh_number(
     entry: Mapping[Any, Any], key: str, where: str, default: float | None = None, *, endless: bool = False
 ) -> float:
     value = entry.get(key, default)

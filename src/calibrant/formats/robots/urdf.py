@@ -55,7 +55,7 @@ def read_urdf(path: str | Path, *, link: str | None = None, base: str | None = N
 
 def parse_urdf(text: str, source: str, *, link: str | None = None, base: str | None = None) -> UrdfChain:
     """As `read_urdf`, from text; `source` names it in messages."""
-    root = _root(text, source)
+    root = _urdf_root(text, source)
     joints = [_joint(element, source) for element in root.findall("joint")]
     by_child = {j.child: j for j in joints}
     links = [str(e.get("name")) for e in root.findall("link")]
@@ -84,7 +84,7 @@ def corrected_urdf(original: UrdfChain, chain: LinkChain) -> str:
     """
     if [m.name for m in chain.movers] != [m.name for m in original.chain.movers]:
         raise InputError(f"{original.source}: the corrected chain has other joints than the file's chain")
-    root = _root(original.text, original.source)
+    root = _urdf_root(original.text, original.source)
     elements = {str(e.get("name")): e for e in root.findall("joint")}
     movers = [m.name for m in chain.movers]
     before = np.eye(4)
@@ -145,7 +145,7 @@ def _add_joint(root: ET.Element, name: str, kind: str, parent: str, child: str, 
     return element
 
 
-def _root(text: str, source: str) -> ET.Element:
+def _urdf_root(text: str, source: str) -> ET.Element:
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise InputError(f"{source}: document types and entities are not part of URDF; remove them")
     parser = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))
@@ -224,7 +224,7 @@ def _chain(path: Sequence[UrdfJoint], joints: Sequence[UrdfJoint], root: ET.Elem
         offset[k] = shift
     links, carried = _links(path)
     kinds = ["prismatic" if j.kind == "prismatic" else "revolute" for j in moving]
-    movers = tuple(Mover(j.name, _axis(j, source), kind) for j, kind in zip(moving, kinds))  # type: ignore[arg-type]
+    movers = tuple(Mover(j.name, _joint_axis(j, source), kind) for j, kind in zip(moving, kinds))  # type: ignore[arg-type]
     loads = _loads(root, joints, carried, source)
     return LinkChain(tuple(_limits(by_name[d], source) for d in driven), movers, links, mixing, offset, loads)
 
@@ -255,14 +255,14 @@ def _rule(joint: UrdfJoint, by_name: Mapping[str, UrdfJoint], source: str) -> tu
         if driver not in by_name:
             raise InputError(f"{source}: joint {at.name!r} mimics {driver!r}, which is no joint of the robot")
         factor, shift = (
-            _number(mimic, key, default, at, source) for key, default in (("multiplier", 1), ("offset", 0))
+            _urdf_number(mimic, key, default, at, source) for key, default in (("multiplier", 1), ("offset", 0))
         )
         multiplier, offset = multiplier * factor, offset + multiplier * shift
         at = by_name[driver]
     raise InputError(f"{source}: joint {joint.name!r} mimics itself in a circle")
 
 
-def _number(element: ET.Element, key: str, default: float | None, joint: UrdfJoint, source: str) -> float:
+def _urdf_number(element: ET.Element, key: str, default: float | None, joint: UrdfJoint, source: str) -> float:
     text = element.get(key)
     if text is None and default is not None:
         return float(default)
@@ -282,13 +282,13 @@ def _limits(joint: UrdfJoint, source: str) -> Joint:
     limit = joint.element.find("limit")
     if limit is None:
         raise InputError(f"{source}: joint {joint.name!r} is {joint.kind} and has no <limit lower upper>; add it")
-    lower, upper = (_number(limit, key, 0.0, joint, source) for key in ("lower", "upper"))
+    lower, upper = (_urdf_number(limit, key, 0.0, joint, source) for key in ("lower", "upper"))
     if not lower < upper:
         raise InputError(f"{source}: joint {joint.name!r}: limits {lower:g} to {upper:g}; the lower comes first")
     return Joint(joint.name, lower, upper, kind)  # type: ignore[arg-type]
 
 
-def _axis(joint: UrdfJoint, source: str) -> tuple[float, float, float]:
+def _joint_axis(joint: UrdfJoint, source: str) -> tuple[float, float, float]:
     element = joint.element.find("axis")
     where = f"{source}: the axis of joint {joint.name!r}"
     values = _triple("1 0 0" if element is None else element.get("xyz", "1 0 0"), where)

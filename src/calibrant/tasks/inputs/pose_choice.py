@@ -11,7 +11,7 @@ import numpy as np
 from calibrant.errors import CalibrantError, InputError, RefusedError
 
 if TYPE_CHECKING:
-    from calibrant.formats.poses.read import PoseReading, RawPoses
+    from calibrant.formats.poses.read import PoseNotation, RawPoses
     from calibrant.tasks.inputs.robot_choice import RobotChoice
 
 T = TypeVar("T")
@@ -43,13 +43,13 @@ class PoseForm:
 class Chosen(Generic[T]):
     """The reading that fits, and what it gave."""
 
-    reading: PoseReading
+    reading: PoseNotation
     outcome: T
 
 
 def best_reading(
     raw: RawPoses,
-    attempt: Callable[[PoseReading], T],
+    attempt: Callable[[PoseNotation], T],
     misfit: Callable[[T], float],
     *,
     fits: Callable[[T], bool] = lambda outcome: True,
@@ -62,11 +62,11 @@ def best_reading(
     Raises: the best reading's own error when none works; RefusedError when none fits; InputError when two different
     readings fit equally well.
     """
-    from calibrant.formats.poses.read import readings
+    from calibrant.formats.poses.read import notations
 
     tried: list[tuple[float, Chosen[T]]] = []
     failure: CalibrantError | None = None
-    for reading in readings(raw):
+    for reading in notations(raw):
         try:
             outcome = attempt(reading)
         except CalibrantError as error:

@@ -92,7 +92,7 @@ def repaired(diagnosis: Diagnosis, data: hand_eye_data.PairedData, request: hand
         Check("pairing", "ok", data.pairing),
         *(c for c in result.checks if c.name not in {d.name for d in done}),
     )
-    options = {**result.options, "pose_reading": decision.reading.description, "repaired": _listed(diagnosis.findings)}
+    options = {**result.options, "pose_reading": decision.notation.description, "repaired": _listed(diagnosis.findings)}
     inputs = session.file_records(data.files)
     return review(replace(result, checks=checks, verdict=verdict_of(checks), options=options, inputs=inputs))
 

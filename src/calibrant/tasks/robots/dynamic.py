@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from calibrant.calibrate.dynamic.track import DynamicCalibration, DynamicNoise
     from calibrant.cameras import Camera
     from calibrant.data import CalibrationResult, Observations, View
-    from calibrant.formats.poses.read import PoseReading
+    from calibrant.formats.poses.read import PoseNotation
 
 PLACEMENTS = ("still", "moves")
 NO_FIT = 10.0
@@ -81,7 +81,7 @@ def calibrate(request: Request) -> CalibrationResult:
     pairing = match_raw(raw, [v.id for v in near.views])
     session.load_solver(quiet=request.quiet)
 
-    def attempt(reading: PoseReading) -> Taken:
+    def attempt(reading: PoseNotation) -> Taken:
         T = reading.T_base_gripper[list(pairing.pose_index)]
         views = [near.views[i] for i in pairing.view_index]
         return take_in(wrist, external, noise, views, T, far.views, moves=request.target_stands == "moves")

@@ -43,7 +43,7 @@ def calibrate(request: Request) -> CalibrationResult:
     target = data.T_camera_target if data.observations is None else diagnosis.numbered(data.observations)
     with session.status("Calibrating …", quiet=request.quiet):
         result = calibrate_hand_eye(
-            diagnosis.poses.reading.poses,
+            diagnosis.poses.notation.poses,
             target,  # type: ignore[arg-type]
             setup=diagnosis.poses.setup,
             camera=data.camera,
@@ -79,7 +79,7 @@ def _complete(
         Check("pairing", "ok", data.pairing),
         *result.checks,
     )
-    options = {**result.options, "pose_reading": decision.reading.description}
+    options = {**result.options, "pose_reading": decision.notation.description}
     if request.mirror_x:
         options["mirror_x"] = True
     done = replace(

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from calibrant.cameras import Camera
     from calibrant.data import CalibrationResult, Check, Observations, RobotPoses
     from calibrant.diagnose.doctor.diagnosis import Diagnosis
-    from calibrant.formats.poses.read import PoseReading, RawPoses
+    from calibrant.formats.poses.read import PoseNotation, RawPoses
 
 _NAMED = re.compile(r"^(?P<name>[A-Za-z][\w-]*)(?:@(?P<robot>[A-Za-z][\w-]*(?::[A-Za-z][\w-]*)?))?=(?P<value>.+)$")
 _SAME_METRES = 1e-6
@@ -258,7 +258,7 @@ def _read_between(
     return _List(pictures, poses, checks, files, own.camera, own.raw, first.description, other_poses)
 
 
-def _only_reading(robot: str, data: hand_eye_data.PairedData, known: Sequence[_List]) -> PoseReading:
+def _only_reading(robot: str, data: hand_eye_data.PairedData, known: Sequence[_List]) -> PoseNotation:
     """How a robot's poses are read: as its other photos say, or the only way there is. Raises: InputError."""
     said = {part.reading for part in known if part.pictures.robot == robot and part.reading}
     possible = [r for r in data.complete if not said or r.description in said]
@@ -305,7 +305,7 @@ def _read(request: SeveralRequest, camera: str, robot: str, images: tuple[str, .
     )
     pictures = Pictures(camera, diagnosis.poses.setup, seen, name, _target_name(request, label))
     poses = _read_as(diagnosis, data, moments)
-    return _List(pictures, poses, checks, data.files, data.camera, data.raw, decision.reading.description)
+    return _List(pictures, poses, checks, data.files, data.camera, data.raw, decision.notation.description)
 
 
 def _target_name(request: SeveralRequest, spec: str) -> str:
@@ -337,7 +337,7 @@ def _moments(data: hand_eye_data.PairedData) -> dict[str, str]:
 
 def _read_as(diagnosis: Diagnosis, data: hand_eye_data.PairedData, moments: Mapping[str, str]) -> dict[str, np.ndarray]:
     """T_base_gripper by moment, in the reading that the doctor chose."""
-    reading = diagnosis.poses.reading
+    reading = diagnosis.poses.notation
     return {moments[i]: T for i, T in zip(reading.ids, reading.T_base_gripper)}
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from calibrant.detection.subpixel.refinement import Refinement
     from calibrant.diagnose.doctor.diagnosis import Diagnosis
     from calibrant.diagnose.doctor.finding import Finding
-    from calibrant.formats.poses.read import PoseReading, RawPoses
+    from calibrant.formats.poses.read import PoseNotation, RawPoses
 
 Array = NDArray[np.float64]
 
@@ -77,7 +77,7 @@ class PairedData:
     target_reading: how the target poses were read, where that is not as their file says or would be taken to mean.
     """
 
-    complete: tuple[PoseReading, ...]
+    complete: tuple[PoseNotation, ...]
     pairing: str
     files: tuple[str | Path, ...]
     observations: Observations | None = None
@@ -173,7 +173,7 @@ def _check_inputs(request: Request) -> None:
 def _with_images(request: Request, raw: RawPoses) -> PairedData:
     from calibrant.formats.cameras.read import read_camera
     from calibrant.formats.poses.pairing import match_raw
-    from calibrant.formats.poses.read import readings
+    from calibrant.formats.poses.read import notations
 
     source = request.source
     files = source.files()
@@ -189,7 +189,7 @@ def _with_images(request: Request, raw: RawPoses) -> PairedData:
     names = [ids[v] for v in pairing.view_index]
     inputs: list[str | Path] = [*source.inputs(files), *request.poses]
     inputs += [request.camera] if request.camera is not None else []
-    complete = tuple(r.take(pairing.pose_index, names) for r in readings(raw))
+    complete = tuple(r.take(pairing.pose_index, names) for r in notations(raw))
     return PairedData(
         complete, pairing.message, tuple(inputs), observations, camera, raw=raw, pose_index=tuple(pairing.pose_index)
     )
@@ -206,7 +206,7 @@ def _ids_of(observations: Observations, files: Sequence[Path]) -> list[str]:
 
 def _with_target_poses(request: Request, raw: RawPoses) -> PairedData:
     from calibrant.diagnose.doctor.target_notation import decide_target_notation
-    from calibrant.formats.poses.read import read_poses, readings
+    from calibrant.formats.poses.read import notations, read_poses
 
     if request.target_poses:
         target = read_poses(list(request.target_poses), rotation=request.target_rotation)
@@ -219,14 +219,14 @@ def _with_target_poses(request: Request, raw: RawPoses) -> PairedData:
         )
     session.load_pose_solver(quiet=request.quiet)
     names, pose_index, target_index, pairing = _pair(raw, target, request.exclude)
-    complete = tuple(r.take(pose_index, names) for r in readings(raw))
-    of_target = [r.take(target_index, names) for r in readings(target, direction="base-gripper")]
+    complete = tuple(r.take(pose_index, names) for r in notations(raw))
+    of_target = [r.take(target_index, names) for r in notations(target, direction="base-gripper")]
     decided = decide_target_notation(complete, of_target)
     return PairedData(
         complete,
         pairing,
         (*request.poses, *request.target_poses),
-        T_camera_target=np.asarray(decided.reading.T_base_gripper),
+        T_camera_target=np.asarray(decided.notation.T_base_gripper),
         raw=raw,
         pose_index=tuple(pose_index),
         target_reading=decided.finding,

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from calibrant.calibrate.tool.tip import ToolTip
     from calibrant.cameras import Camera
     from calibrant.data import CalibrationResult, Check, RobotPoses, TransformEstimate
-    from calibrant.formats.poses.read import PoseReading
+    from calibrant.formats.poses.read import PoseNotation
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ def touched(poses: tuple[str, ...], form: PoseForm, arm: RobotChoice) -> Calibra
 
     raw = form.read(poses, arm)
 
-    def attempt(reading: PoseReading) -> ToolTip:
+    def attempt(reading: PoseNotation) -> ToolTip:
         return tip_by_touch(_poses(reading))
 
     chosen = best_reading(raw, attempt, lambda tip: tip.sigma)
@@ -60,7 +60,7 @@ def seen(poses: tuple[str, ...], form: PoseForm, arm: RobotChoice, pixels: Path,
     pairing = match_by_order(len(raw), names) if table.names is None else match_raw(raw, names)
     uv = table.values[list(pairing.view_index)]
 
-    def attempt(reading: PoseReading) -> ToolTip:
+    def attempt(reading: PoseNotation) -> ToolTip:
         paired = reading.take(list(pairing.pose_index), [names[v] for v in pairing.view_index])
         return tip_by_sight(_poses(paired), uv, camera=camera, base_camera=base_camera, covariance=covariance)
 
@@ -176,7 +176,7 @@ def read_columns(path: Path, columns: Sequence[str]) -> Columns:
     return Columns(np.array(rows), tuple(names) if all(names) else None)
 
 
-def _poses(reading: PoseReading) -> RobotPoses:
+def _poses(reading: PoseNotation) -> RobotPoses:
     from calibrant.data import RobotPoses
 
     return RobotPoses(reading.ids, reading.T_base_gripper, reading.description)

@@ -19,7 +19,7 @@ from calibrant.calibrate.solvers.setup import get_setup
 from calibrant.cameras import Camera
 from calibrant.data import RobotPoses
 from calibrant.detection import detect
-from calibrant.formats.poses.read import read_poses, readings
+from calibrant.formats.poses.read import notations, read_poses
 from calibrant.geometry import se3
 from calibrant.simulate.noise import noisy_poses
 from calibrant.simulate.scenes import (
@@ -125,7 +125,7 @@ def test_circles_on_paper(shared_data: Callable[[str], Path]) -> None:
     wrong size."""
     folder = shared_data("handeye_rct_circles_eih")
     observations = detect([str(folder / "images")], target="circles:10x10:25.4mm:bigdot")
-    poses = readings(read_poses(str(folder / "poses" / "*.yaml")))[0]
+    poses = notations(read_poses(str(folder / "poses" / "*.yaml")))[0]
     ids = [v.id for v in observations.views]
     poses = poses.take([poses.ids.index(Path(i).stem) for i in ids], ids)
     result = calibrate_hand_eye(poses.poses, observations, setup="eye-in-hand")

@@ -20,7 +20,7 @@ from calibrant.cameras import Camera
 from calibrant.data import Observations, RobotPoses
 from calibrant.detection import detect
 from calibrant.diagnose.doctor.diagnosis import diagnose_views
-from calibrant.formats.poses.read import read_poses, readings
+from calibrant.formats.poses.read import notations, read_poses
 from calibrant.geometry import se3
 from calibrant.simulate.scenes import hand_eye_scene
 
@@ -77,10 +77,10 @@ def test_an_uncertain_camera_makes_the_size_uncertain_and_the_target_poses_follo
 
 @pytest.fixture(scope="module")
 def circles(shared_data: Callable[[str], Path]) -> tuple[tuple, Observations, RobotPoses]:
-    """Readings of the poses, observations and poses of 15 pictures of a sheet printed at some enlargement."""
+    """Notations of the poses, observations and poses of 15 pictures of a sheet printed at some enlargement."""
     folder = shared_data("handeye_rct_circles_eih")
     observations = detect([str(folder / "images")], target="circles:10x10:25.4mm:bigdot")
-    complete = readings(read_poses(str(folder / "poses" / "*.yaml")))
+    complete = notations(read_poses(str(folder / "poses" / "*.yaml")))
     ids = [v.id for v in observations.views]
     order = [complete[0].ids.index(Path(i).stem) for i in ids]
     complete = tuple(r.take(order, ids) for r in complete)

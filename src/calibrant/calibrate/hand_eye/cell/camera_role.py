@@ -107,7 +107,7 @@ def image_problem(
             "reprojection",
             model=model,
             camera="camera",
-            chain=setup.chain(np.arange(n)),
+            links=setup.links(np.arange(n)),
             views=stacked,
             modes=modes if free_scale else None,
             noise=PIXEL,
@@ -124,7 +124,7 @@ def image_problem(
                 "reprojection without robot pose",
                 model=model,
                 camera="camera",
-                chain=[Link("T_camera_target", np.arange(len(role.extra)))],
+                links=[Link("T_camera_target", np.arange(len(role.extra)))],
                 views=stack(role.extra),
                 noise=PIXEL,
             )

@@ -150,7 +150,7 @@ def several_problem(
                 pictures_factor(i),
                 model=role.camera.model,
                 camera=lens_variable(p.camera),
-                chain=layout.chain(p, rows, len(ids)),
+                links=layout.chain(p, rows, len(ids)),
                 views=stacked,
                 # The mode's amplitude is scale - 1: points + (s - 1) points.
                 modes=TargetModes(scale, stacked.points[None]) if free_scale else None,

@@ -1,4 +1,4 @@
-"""The documents' chains against a scene in which every frame's place in the world is known."""
+"""The documents' grasp equations against a scene in which every frame's place in the world is known."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from calibrant.errors import InputError
-from calibrant.geometry import grasp_equations as chains
-from calibrant.geometry import se3, so3
+from calibrant.geometry import grasp_equations, se3, so3
 
 FRAMES = ("world", "base", "flange", "gripper", "object", "camera")
 
@@ -27,14 +26,14 @@ def T(scene: dict[str, np.ndarray], a: str, b: str) -> np.ndarray:
 
 
 def test_T6_and_B_of_the_grasp(scene: dict[str, np.ndarray]) -> None:
-    T6 = chains.solve_T6(
+    T6 = grasp_equations.solve_T6(
         T_world_base=T(scene, "world", "base"),
         T_world_object=T(scene, "world", "object"),
         T_object_grasp=T(scene, "object", "grasp"),
         T_flange_gripper=T(scene, "flange", "gripper"),
     )
     np.testing.assert_allclose(T6, T(scene, "base", "flange"), atol=1e-13)
-    B = chains.solve_B(
+    B = grasp_equations.solve_B(
         T_world_base=T(scene, "world", "base"),
         T_base_flange=T6,
         T_flange_gripper=T(scene, "flange", "gripper"),
@@ -49,7 +48,7 @@ def test_T6_in_numbers() -> None:
     def shift(x: float, y: float, z: float) -> np.ndarray:
         return se3.make(np.eye(3), [x, y, z])
 
-    T6 = chains.solve_T6(
+    T6 = grasp_equations.solve_T6(
         T_world_base=shift(1, 0, 0),
         T_world_object=shift(1, 2, 0),
         T_object_grasp=shift(0, 0, 0.1),
@@ -60,12 +59,12 @@ def test_T6_in_numbers() -> None:
 
 def test_P_and_C_of_the_camera(scene: dict[str, np.ndarray]) -> None:
     T_grasp_camera, T_camera_world = T(scene, "grasp", "camera"), T(scene, "camera", "world")
-    P = chains.solve_P(T_grasp_camera=T_grasp_camera, T_camera_world=T_camera_world)
+    P = grasp_equations.solve_P(T_grasp_camera=T_grasp_camera, T_camera_world=T_camera_world)
     np.testing.assert_allclose(P, T(scene, "grasp", "world"), atol=1e-13)
     # Read as maps of coordinates the same statement is P = C I.
     coordinates = T(scene, "world", "camera") @ T(scene, "camera", "grasp")
     np.testing.assert_allclose(se3.inverse(P), coordinates, atol=1e-13)
-    C = chains.solve_C(T_grasp_camera=T_grasp_camera, T_grasp_world=P)
+    C = grasp_equations.solve_C(T_grasp_camera=T_grasp_camera, T_grasp_world=P)
     np.testing.assert_allclose(C, T_camera_world, atol=1e-13)
 
 
@@ -74,11 +73,11 @@ def test_eye_to_hand_loop() -> None:
     T_base_gripper = se3.make(so3.random(rng, 6), rng.normal(size=(6, 3)))
     T_base_camera, T_gripper_target = se3.make(so3.random(rng, 2), rng.normal(size=(2, 3)))
     T_target_camera = np.linalg.inv(T_base_gripper @ T_gripper_target) @ T_base_camera
-    D = chains.solve_D(
+    D = grasp_equations.solve_D(
         T_base_gripper=T_base_gripper, T_gripper_target=T_gripper_target, T_target_camera=T_target_camera
     )
     np.testing.assert_allclose(D, np.broadcast_to(T_base_camera, D.shape), atol=1e-13)
-    M, N = chains.eye_to_hand_motions(T_base_gripper=T_base_gripper, T_target_camera=T_target_camera)
+    M, N = grasp_equations.eye_to_hand_motions(T_base_gripper=T_base_gripper, T_target_camera=T_target_camera)
     assert M.shape == N.shape == (5, 4, 4)
     np.testing.assert_allclose(M @ T_gripper_target, T_gripper_target @ N, atol=1e-13)
     np.testing.assert_allclose(M[0], np.linalg.inv(T_base_gripper[1]) @ T_base_gripper[0], atol=1e-13)
@@ -89,21 +88,21 @@ def test_eye_in_hand_loop() -> None:
     T_base_gripper = se3.make(so3.random(rng, 6), rng.normal(size=(6, 3)))
     T_gripper_camera, T_base_target = se3.make(so3.random(rng, 2), rng.normal(size=(2, 3)))
     T_target_camera = np.linalg.inv(T_base_target) @ T_base_gripper @ T_gripper_camera
-    M, N = chains.eye_in_hand_motions(T_base_gripper=T_base_gripper, T_target_camera=T_target_camera)
+    M, N = grasp_equations.eye_in_hand_motions(T_base_gripper=T_base_gripper, T_target_camera=T_target_camera)
     np.testing.assert_allclose(M @ T_gripper_camera, T_gripper_camera @ N, atol=1e-13)
 
 
 def test_loops_refuse_what_cannot_be_paired() -> None:
     poses = np.broadcast_to(np.eye(4), (3, 4, 4))
     with pytest.raises(InputError, match=r"got \(3, 4, 4\) and \(2, 4, 4\)"):
-        chains.eye_in_hand_motions(T_base_gripper=poses, T_target_camera=poses[:2])
+        grasp_equations.eye_in_hand_motions(T_base_gripper=poses, T_target_camera=poses[:2])
     with pytest.raises(InputError, match="n >= 2"):
-        chains.eye_to_hand_motions(T_base_gripper=poses[:1], T_target_camera=poses[:1])
+        grasp_equations.eye_to_hand_motions(T_base_gripper=poses[:1], T_target_camera=poses[:1])
 
 
 def test_chains_name_the_matrix_that_is_wrong() -> None:
     with pytest.raises(InputError, match="T_object_grasp"):
-        chains.solve_T6(
+        grasp_equations.solve_T6(
             T_world_base=np.eye(4),
             T_world_object=np.eye(4),
             T_object_grasp=np.zeros((4, 4)),

@@ -1,6 +1,6 @@
-"""What the numbers of a pose file can mean: every reading that the file, the options and plain sense allow.
+"""What the numbers of a pose file can mean: every notation that the file, the options and plain sense allow.
 
-A reading is a choice of length unit, rotation notation, angle unit and direction. Readings come in the order of belief:
+A notation is a choice of length unit, rotation form, angle unit and direction. Notations come in the order of belief:
 first those that keep to what the file's names state, then to what is usual. Those that contradict a name are listed
 too, with the contradiction in words: a header can be wrong, and the data can show it.
 """
@@ -36,10 +36,10 @@ _ROTATION_WORDS = {"quat-xyzw": "quaternions x y z w", "quat-wxyz": "quaternions
 
 
 @dataclass(frozen=True, eq=False)
-class PoseReading:
+class PoseNotation:
     """One meaning of a pose file. T_base_gripper (n, 4, 4), metres; times (n,), seconds, where the file has them.
 
-    angle is "" where no angle is read. contradicts: what the file states and this reading does not believe.
+    angle is "" where no angle is read. contradicts: what the file states and this notation does not believe.
     """
 
     units: str
@@ -63,22 +63,22 @@ class PoseReading:
 
     @property
     def written(self) -> str:
-        """How the numbers are written, in words: the reading but for the direction."""
+        """How the numbers are written, in words: the notation but for the direction."""
         return f"positions in {self.units}, {self.rotation_words}"
 
     @property
     def description(self) -> str:
-        """The reading in words."""
+        """The notation in words."""
         way = "T_base_gripper" if self.direction == "base-gripper" else "T_gripper_base (inverted)"
         return f"{self.written}, {way}"
 
     @property
-    def notation(self) -> tuple[str, str, bool]:
-        """How the rotations are written: what two readings share that differ in unit of length or direction only."""
+    def rotation_notation(self) -> tuple[str, str, bool]:
+        """How the rotations are written: what two notations share that differ in unit of length or direction only."""
         return self.rotation, self.angle, self.by_axis_names
 
-    def take(self, rows: Sequence[int], ids: Sequence[str] | None = None) -> PoseReading:
-        """The same reading of some of the poses, in the order of `rows`, renamed when `ids` are given."""
+    def take(self, rows: Sequence[int], ids: Sequence[str] | None = None) -> PoseNotation:
+        """The same notation of some of the poses, in the order of `rows`, renamed when `ids` are given."""
         names = tuple(self.ids[i] for i in rows) if ids is None else tuple(ids)
         times = None if self.times is None else self.times[list(rows)]
         return replace(self, ids=names, T_base_gripper=self.T_base_gripper[list(rows)], times=times)
@@ -100,17 +100,17 @@ class _Turn:
     by_axis_names: bool = False
 
 
-def readings(
+def notations(
     raw: RawPoses,
     *,
     units: str | None = None,
     rotation: str | None = None,
     angle: str | None = None,
     direction: str | None = None,
-) -> tuple[PoseReading, ...]:
-    """Every reading consistent with the options, the most believable first.
+) -> tuple[PoseNotation, ...]:
+    """Every notation consistent with the options, the most believable first.
 
-    Options that are not given here are those of `read_poses`. Raises: InputError when no reading is left, with reasons.
+    Options that are not given here are those of `read_poses`. Raises: InputError with reasons when none is left.
     """
     given = {"units": units, "rotation": rotation, "angle": angle, "direction": direction}
     asked = replace(raw.options, **{key: value for key, value in given.items() if value is not None})
@@ -125,7 +125,7 @@ def readings(
             T = se3.make(turn.R, raw.translation * LENGTH_UNITS[unit])
             for way, against_way in _directions(raw, asked):
                 found.append(
-                    PoseReading(
+                    PoseNotation(
                         units=unit,
                         rotation=turn.notation,
                         angle=turn.angle,
@@ -143,11 +143,11 @@ def readings(
             f"{raw.source}: the poses cannot be read with {_options_words(asked)}: {'; '.join(dropped)}; "
             "leave the option out to let the data decide"
         )
-    return tuple(sorted(found, key=lambda reading: len(reading.contradicts)))
+    return tuple(sorted(found, key=lambda notation: len(notation.contradicts)))
 
 
 def excluded(raw: RawPoses) -> tuple[str, ...]:
-    """Why readings that the options would allow are not among `readings`, in words."""
+    """Why notations that the options would allow are not among `notations`, in words."""
     dropped: list[str] = []
     list(_turns(raw, raw.options, dropped))
     list(_lengths(raw, raw.options, dropped))

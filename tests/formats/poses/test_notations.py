@@ -1,4 +1,4 @@
-"""Which readings a file allows, in which order, and why others are dropped."""
+"""Which notations a file allows, in which order, and why others are dropped."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibrant.errors import InputError
-from calibrant.formats.poses.read import excluded, read_poses, readings
+from calibrant.formats.poses.read import excluded, notations, read_poses
 from calibrant.geometry import rotations, se3
 
 ANGLES = np.array([[10.0, 20.0, 30.0], [-40.0, 15.0, 5.0]])
@@ -22,7 +22,7 @@ def write(path: Path, header: str, position: float, numbers: np.ndarray) -> Path
 
 def test_the_native_header_leaves_only_the_direction_and_the_quaternion_order_open(tmp_path: Path) -> None:
     path = write(tmp_path / "p.csv", "x,y,z,qx,qy,qz,qw", 0.5, np.array([[0.5, 0.5, 0.5, 0.5], [0, 0, 0, 1]]))
-    found = readings(read_poses(path))
+    found = notations(read_poses(path))
     assert [(r.units, r.rotation, r.direction, bool(r.contradicts)) for r in found] == [
         ("m", "quat-xyzw", "base-gripper", False),
         ("m", "quat-xyzw", "gripper-base", False),
@@ -38,7 +38,7 @@ def test_the_native_header_leaves_only_the_direction_and_the_quaternion_order_op
 def test_options_leave_one_reading(tmp_path: Path) -> None:
     path = write(tmp_path / "p.csv", "x,y,z,rx,ry,rz", 500, ANGLES)
     raw = read_poses(path, units="mm", rotation="euler:XYZ", angle="deg", direction="gripper-base")
-    (found,) = [r for r in readings(raw) if not r.contradicts]
+    (found,) = [r for r in notations(raw) if not r.contradicts]
     R = rotations.matrix_from_euler(ANGLES, order="XYZ", unit="deg")
     expected = se3.inverse(se3.make(R, np.array([0.5, 0.00025, 0.0005])))
     np.testing.assert_allclose(found.T_base_gripper, expected, atol=1e-15)
@@ -46,15 +46,15 @@ def test_options_leave_one_reading(tmp_path: Path) -> None:
 
 def test_options_given_later_count(tmp_path: Path) -> None:
     raw = read_poses(write(tmp_path / "p.csv", "x,y,z,rx,ry,rz", 0.5, ANGLES))
-    assert {r.direction for r in readings(raw, direction="base-gripper")} == {"base-gripper"}
-    assert {r.rotation for r in readings(raw, rotation="rotvec")} == {"rotvec"}
+    assert {r.direction for r in notations(raw, direction="base-gripper")} == {"base-gripper"}
+    assert {r.rotation for r in notations(raw, rotation="rotvec")} == {"rotvec"}
 
 
 def test_named_axes_and_the_columns_order_are_two_readings_of_an_order(tmp_path: Path) -> None:
     raw = read_poses(
         write(tmp_path / "p.csv", "x,y,z,rx,ry,rz", 0.5, ANGLES), direction="base-gripper", rotation="euler:ZYX"
     )
-    by_name, by_order = readings(raw)
+    by_name, by_order = notations(raw)
     assert by_name.by_axis_names
     assert not by_name.contradicts
     assert by_order.contradicts == ("the columns are named after the axes x, y, z",)
@@ -66,11 +66,11 @@ def test_named_axes_and_the_columns_order_are_two_readings_of_an_order(tmp_path:
 
 def test_every_euler_order_and_the_rotation_vector_are_tried_once(tmp_path: Path) -> None:
     raw = read_poses(write(tmp_path / "p.csv", "x,y,z,e1,e2,e3", 0.5, ANGLES), direction="base-gripper")
-    assert sorted(r.rotation for r in readings(raw)) == sorted(
+    assert sorted(r.rotation for r in notations(raw)) == sorted(
         ["rotvec", *(f"euler:{o}" for o in rotations.EULER_ORDERS)]
     )
     named = read_poses(write(tmp_path / "q.csv", "x,y,z,rx,ry,rz", 0.5, ANGLES), direction="base-gripper")
-    T = np.array([r.T_base_gripper for r in readings(named)])
+    T = np.array([r.T_base_gripper for r in notations(named)])
     # 24 orders of the columns, four more by their names (six by name, two of which are among the 24), the vector.
     assert len(T) == 29
     distance = np.abs(T[:, None] - T[None]).max(axis=(2, 3, 4)) + np.eye(len(T))
@@ -79,7 +79,7 @@ def test_every_euler_order_and_the_rotation_vector_are_tried_once(tmp_path: Path
 
 def test_header_units_come_first_and_others_are_called_contradictions(tmp_path: Path) -> None:
     raw = read_poses(write(tmp_path / "p.csv", "X[mm],Y[mm],Z[mm],A,B,C", 30, ANGLES), direction="base-gripper")
-    found = readings(raw)
+    found = notations(raw)
     assert (found[0].units, found[0].rotation, found[0].angle) == ("mm", "euler:ZYX", "deg")
     assert not found[0].contradicts
     assert all(r.contradicts for r in found[1:])
@@ -88,7 +88,7 @@ def test_header_units_come_first_and_others_are_called_contradictions(tmp_path: 
 
 def test_impossible_readings_are_dropped_with_the_reason(tmp_path: Path) -> None:
     raw = read_poses(write(tmp_path / "p.csv", "x,y,z,rx,ry,rz", 500, ANGLES))
-    assert {(r.units, r.angle) for r in readings(raw)} == {("mm", "deg")}
+    assert {(r.units, r.angle) for r in notations(raw)} == {("mm", "deg")}
     metres, radians = sorted(excluded(raw))
     assert metres == "positions in m: 500 m from the base is beyond any robot"
     assert radians == "rotations in radians: 40 is more than a full turn"
@@ -113,7 +113,7 @@ def test_unknown_options_are_said(tmp_path: Path, options: dict[str, str], messa
 def test_an_option_that_the_file_cannot_mean_is_said(tmp_path: Path) -> None:
     three = write(tmp_path / "p.csv", "x,y,z,rx,ry,rz", 0.5, ANGLES)
     with pytest.raises(InputError, match=r"cannot be read with rotation quat-xyzw: .*three numbers a rotation"):
-        readings(read_poses(three, rotation="quat-xyzw"))
+        notations(read_poses(three, rotation="quat-xyzw"))
     four = write(tmp_path / "q.csv", "x,y,z,qx,qy,qz,qw", 0.5, np.array([[0, 0, 0, 1.0]]))
     with pytest.raises(InputError, match="four numbers a rotation"):
-        readings(read_poses(four, rotation="rotvec"))
+        notations(read_poses(four, rotation="rotvec"))

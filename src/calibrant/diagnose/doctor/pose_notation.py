@@ -1,8 +1,8 @@
 """How the poses are written, where the camera is, and in which order they stand: what must be known before all else.
 
-`diagnose.conventions` decides among readings by the loop. Where no reading closes it, the poses may stand in another
-order, or the target poses may be inverted: then these are tried with every reading. Where still nothing closes it, up
-to half of the views may be wrong: the reading is taken that closes the loop for the larger half, and the search for
+`diagnose.conventions` decides among notations by the loop. Where no notation closes it, the poses may stand in another
+order, or the target poses may be inverted: then these are tried with every notation. Where still nothing closes it, up
+to half of the views may be wrong: the notation is taken that closes the loop for the larger half, and the search for
 faults says what is wrong with the rest.
 """
 
@@ -25,27 +25,27 @@ from calibrant.diagnose.doctor.finding import Evidence, Finding, Loop
 from calibrant.diagnose.doctor.pairing import Order, congruent_orders
 from calibrant.diagnose.doctor.significance import confidence
 from calibrant.errors import RefusedError
-from calibrant.formats.poses.readings import PoseReading
+from calibrant.formats.poses.notations import PoseNotation
 from calibrant.geometry import se3
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 ORDERS_TRIED = 2
-"""Orders whose readings are solved, the most congruent ones."""
+"""Orders whose notations are solved, the most congruent ones."""
 ALTERNATIVES_TRIED = 6
-"""Readings fitted robustly when none closes the loop."""
+"""Notations fitted robustly when none closes the loop."""
 
 
 @dataclass(frozen=True, eq=False)
 class PoseDecision:
-    """What was decided, with every pose of the file: reading, setup, and the order of the rows if it is not theirs.
+    """What was decided, with every pose of the file: notation, setup, and the order of the rows if it is not theirs.
 
-    fits: False when no reading closes the loop for most of the views.
+    fits: False when no notation closes the loop for most of the views.
     """
 
     decision: ConventionDecision
-    reading: PoseReading
+    notation: PoseNotation
     setup: Setup
     order: Order | None
     inverted_targets: bool
@@ -54,7 +54,7 @@ class PoseDecision:
 
 
 def decide_poses(
-    complete: Sequence[PoseReading],
+    complete: Sequence[PoseNotation],
     B: Array,
     rows: Index,
     *,
@@ -63,9 +63,9 @@ def decide_poses(
 ) -> PoseDecision:
     """Decide how n poses are to be read from m target poses.
 
-    Args: complete, readings of all n poses, in the order of the images; B (m, 4, 4) = T_camera_target of the rows
+    Args: complete, notations of all n poses, in the order of the images; B (m, 4, 4) = T_camera_target of the rows
     `rows`; measured, the target poses were measured elsewhere, so that they may be inverted.
-    Raises: RefusedError when the motions determine nothing, or two readings fit equally well.
+    Raises: RefusedError when the motions determine nothing, or two notations fit equally well.
     """
     inverted = measured and look_inverted(complete[0].T_base_gripper, B)
     if inverted:
@@ -77,42 +77,42 @@ def decide_poses(
     for order in _orders(complete, B, rows):
         try:
             decision = _decided(complete, B, rows, order, setup)
-        except RefusedError:  # in this order two readings fit equally well: it is not the right one
+        except RefusedError:  # in this order two notations fit equally well: it is not the right one
             continue
         if decision.ok:
             trials.append((decision, order))
     if trials:
-        decision, order = min(trials, key=lambda t: _misfit(_chosen(t[0])))
+        decision, order = min(trials, key=lambda t: _alternative_misfit(_chosen(t[0])))
         return _decision(decision, complete, order, inverted=inverted)
     return _by_halves(plain, complete, B, setup, inverted=inverted)
 
 
 def _decided(
-    complete: Sequence[PoseReading], B: Array, rows: Index, order: Order | None, setup: Setup | Literal["auto"]
+    complete: Sequence[PoseNotation], B: Array, rows: Index, order: Order | None, setup: Setup | Literal["auto"]
 ) -> ConventionDecision:
     """The decision about the poses in an order (None: as they stand)."""
     taken = rows if order is None else order.rows[rows]
     return decide([r.take(taken.tolist()) for r in complete], B, setup=setup)
 
 
-def _orders(complete: Sequence[PoseReading], B: Array, rows: Index) -> list[Order]:
+def _orders(complete: Sequence[PoseNotation], B: Array, rows: Index) -> list[Order]:
     """The most congruent other orders, over all notations."""
     found: list[tuple[float, Order]] = []
     seen = set()
-    for reading in complete:
-        if reading.notation in seen:
+    for notation in complete:
+        if notation.rotation_notation in seen:
             continue
-        seen.add(reading.notation)
-        found += congruent_orders(reading.T_base_gripper, B, rows, reading.ids)[:ORDERS_TRIED]
+        seen.add(notation.rotation_notation)
+        found += congruent_orders(notation.T_base_gripper, B, rows, notation.ids)[:ORDERS_TRIED]
     found.sort(key=lambda item: item[0])
     return [order for _, order in found[:ORDERS_TRIED]]
 
 
 def _chosen(decision: ConventionDecision) -> Alternative:
-    return next(a for a in decision.alternatives if a.reading is decision.reading and a.setup == decision.setup)
+    return next(a for a in decision.alternatives if a.notation is decision.notation and a.setup == decision.setup)
 
 
-def _misfit(a: Alternative) -> float:
+def _alternative_misfit(a: Alternative) -> float:
     """Sum of ln distance + ln angle over all views: orders that differ in two views have the same median."""
     Z = loop_consistency(a.A, a.T_camera_target, a.X).Z
     return float(log_misfit(se3.local(Z, a.A @ a.X @ a.T_camera_target)).sum())
@@ -120,13 +120,13 @@ def _misfit(a: Alternative) -> float:
 
 def _by_halves(
     plain: ConventionDecision,
-    complete: Sequence[PoseReading],
+    complete: Sequence[PoseNotation],
     B: Array,
     setup: Setup | Literal["auto"],
     *,
     inverted: bool,
 ) -> PoseDecision:
-    """The reading that closes the loop for the larger half of the views."""
+    """The notation that closes the loop for the larger half of the views."""
     distinct: dict[tuple[float, float], Alternative] = {}
     for a in plain.alternatives:
         if setup in ("auto", a.setup):
@@ -143,7 +143,7 @@ def _by_halves(
         return _decision(plain, complete, None, inverted=inverted)
     a = best[1]
     chosen = ConventionDecision(
-        a.reading,
+        a.notation,
         a.setup,
         plain.confidence,
         f"poses read as {a.description}: the loop closes for the larger half of the views only",
@@ -155,13 +155,13 @@ def _by_halves(
 
 def _decision(
     decision: ConventionDecision,
-    complete: Sequence[PoseReading],
+    complete: Sequence[PoseNotation],
     order: Order | None,
     *,
     inverted: bool,
 ) -> PoseDecision:
     """The decision about all poses, with the findings in words."""
-    r = decision.reading
+    r = decision.notation
     key = (r.units, r.rotation, r.angle, r.direction, r.by_axis_names)
     full = next(c for c in complete if (c.units, c.rotation, c.angle, c.direction, c.by_axis_names) == key)
     findings = [*_conventions(decision, complete[0]), *(_as_finding(f, decision) for f in decision.findings)]
@@ -178,11 +178,11 @@ def _decision(
     return PoseDecision(decision, full, decision.setup, order, inverted, decision.ok, tuple(findings))
 
 
-def _conventions(decision: ConventionDecision, first: PoseReading) -> list[Finding]:
+def _conventions(decision: ConventionDecision, first: PoseNotation) -> list[Finding]:
     """What differs from the native form, T_base_gripper in metres and quaternions x y z w or matrices."""
-    r = decision.reading
+    r = decision.notation
     chosen = next(
-        (a for a in decision.alternatives if a.reading is r and a.setup == decision.setup), decision.alternatives[0]
+        (a for a in decision.alternatives if a.notation is r and a.setup == decision.setup), decision.alternatives[0]
     )
     found = []
     if r.units != "m":
@@ -197,10 +197,10 @@ def _conventions(decision: ConventionDecision, first: PoseReading) -> list[Findi
 
 
 def _loop_of(decision: ConventionDecision, chosen: Alternative, **changed: str) -> Loop | None:
-    """The loop of the reading that differs from the chosen one in this only, where it was tried."""
-    wanted = {key: getattr(chosen.reading, key) for key in ("units", "rotation", "angle", "direction")} | changed
+    """The loop of the notation that differs from the chosen one in this only, where it was tried."""
+    wanted = {key: getattr(chosen.notation, key) for key in ("units", "rotation", "angle", "direction")} | changed
     for a in decision.alternatives:
-        if a.setup == chosen.setup and all(getattr(a.reading, key) == value for key, value in wanted.items()):
+        if a.setup == chosen.setup and all(getattr(a.notation, key) == value for key, value in wanted.items()):
             return Loop.of(a)
     return None
 
@@ -208,7 +208,7 @@ def _loop_of(decision: ConventionDecision, chosen: Alternative, **changed: str) 
 def _convention(
     name: str,
     words: str,
-    reading: PoseReading,
+    notation: PoseNotation,
     chosen: Alternative,
     plain: Loop | None,
     decision: ConventionDecision,
@@ -216,7 +216,7 @@ def _convention(
     after = Loop.of(chosen)
     evidence = None if plain is None else Evidence(plain, after)
     text = words if evidence is None else f"{words}: {evidence.text}"
-    against = "; ".join(reading.contradicts)
+    against = "; ".join(notation.contradicts)
     status: Literal["ok", "warn"] = "warn" if against else "ok"
     return Finding(name, status, f"{text} ({against})" if against else text, decision.confidence, evidence)
 

@@ -44,7 +44,7 @@ class Trial:
 
 def run_points(seed: int, setup: Setup, views: int) -> tuple[TransformTruth, PointTruth]:
     """From the true projections with noise, as a perfect detector would hand them over."""
-    from calibrant.calibrate.hand_eye.calibrate import calibrate_hand_eye
+    from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye
 
     cell = make_cell(seed, setup=setup, views=views)
     result = calibrate_hand_eye(cell.robot_poses, observe_cell(cell, sigma_px=SIGMA_PX), setup=setup)

@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.calibrate import calibrate_hand_eye
+from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Observations, RobotPoses
 from calibrant.diagnose.doctor.diagnosis import Diagnosis, diagnose_poses, diagnose_views

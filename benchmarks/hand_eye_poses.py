@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.calibrate import calibrate_hand_eye
+from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye
 from calibrant.calibrate.pose.target_poses import target_poses
 from calibrant.data import CalibrationResult, Observations, RobotPoses
 from calibrant.diagnose.doctor import case_of_views, examine

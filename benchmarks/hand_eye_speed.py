@@ -36,7 +36,7 @@ STAGES = {
     "read": ("calibrant.tasks.robots.hand_eye_data", "read"),
     "search": ("calibrant.cli.session", "detect_boards"),
     "doctor": ("calibrant.tasks.robots.hand_eye_data", "diagnose"),
-    "calibrate": ("calibrant.calibrate.hand_eye.calibrate", "calibrate_hand_eye"),
+    "calibrate": ("calibrant.calibrate.cell.hand_eye", "calibrate_hand_eye"),
     "review": ("calibrant.diagnose.review", "review"),
     "checksums": ("calibrant.cli.session", "file_records"),
     "summary": ("calibrant.reports.terminal", "summary"),

@@ -176,7 +176,7 @@ def ray_angles(truth: Camera, found: Camera) -> tuple[tuple[str, ...], Array, Ar
 
 def hand_eye_trial(name: str, seed: int) -> Trial:
     """One hand-eye calibration: with images and known intrinsics, or from pose pairs; new poses and noise each."""
-    from calibrant.calibrate.hand_eye.calibrate import calibrate_hand_eye
+    from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye
 
     family, setup_name = name.split()
     setup: Setup = "eye-in-hand" if setup_name == "eye-in-hand" else "eye-to-hand"

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.cell.camera_role import (
+from calibrant.calibrate.cell.problem.camera_role import (
     PIXEL,
     ROBOT_ROTATION,
     ROBOT_TRANSLATION,

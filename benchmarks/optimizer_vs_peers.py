@@ -84,7 +84,7 @@ def ours(job: str, path: str, repeats: int) -> Row:
         scene = {k: file[k] for k in file.files}
     run: Callable[[], Row]
     if job == "rig":
-        from calibrant.calibrate.rigs.rig import calibrate_rig
+        from calibrant.calibrate.cell.rig import calibrate_rig
 
         observations = rig_observations(scene)
 

@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye
 from calibrant.calibrate.clocks.offset import estimate_time_offset
 from calibrant.calibrate.dynamic.problem import WristCamera
 from calibrant.calibrate.dynamic.track import DynamicCalibration, DynamicNoise
-from calibrant.calibrate.hand_eye.calibrate import calibrate_hand_eye
 from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics
 from calibrant.calibrate.pose.target_poses import target_poses
 from calibrant.calibrate.solvers.setup import get_setup

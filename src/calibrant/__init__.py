@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 from calibrant.version import __version__ as __version__
 
 if TYPE_CHECKING:
-    from calibrant.calibrate.hand_eye.calibrate import calibrate_hand_eye as calibrate_hand_eye
-    from calibrant.calibrate.hand_eye.calibrate_cell import calibrate_several as calibrate_several
-    from calibrant.calibrate.hand_eye.cell.joint_offsets import JointReadings as JointReadings
-    from calibrant.calibrate.hand_eye.cell.layout import Pictures as Pictures
+    from calibrant.calibrate.cell.calibrate import calibrate_several as calibrate_several
+    from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye as calibrate_hand_eye
+    from calibrant.calibrate.cell.problem.joint_offsets import JointReadings as JointReadings
+    from calibrant.calibrate.cell.problem.layout import Pictures as Pictures
     from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics as calibrate_intrinsics
     from calibrant.cameras import Camera as Camera
     from calibrant.data import CalibrationResult as CalibrationResult
@@ -41,15 +41,15 @@ _PUBLIC = {
     "Check": ("calibrant.data", "Check"),
     "FrameGraph": ("calibrant.geometry.frames", "FrameGraph"),
     "InputError": ("calibrant.errors", "InputError"),
-    "JointReadings": ("calibrant.calibrate.hand_eye.cell.joint_offsets", "JointReadings"),
+    "JointReadings": ("calibrant.calibrate.cell.problem.joint_offsets", "JointReadings"),
     "Observations": ("calibrant.data", "Observations"),
     "RefusedError": ("calibrant.errors", "RefusedError"),
-    "Pictures": ("calibrant.calibrate.hand_eye.cell.layout", "Pictures"),
+    "Pictures": ("calibrant.calibrate.cell.problem.layout", "Pictures"),
     "RobotPoses": ("calibrant.data", "RobotPoses"),
     "View": ("calibrant.data", "View"),
-    "calibrate_hand_eye": ("calibrant.calibrate.hand_eye.calibrate", "calibrate_hand_eye"),
+    "calibrate_hand_eye": ("calibrant.calibrate.cell.hand_eye", "calibrate_hand_eye"),
     "calibrate_intrinsics": ("calibrant.calibrate.intrinsics.calibrate", "calibrate_intrinsics"),
-    "calibrate_several": ("calibrant.calibrate.hand_eye.calibrate_cell", "calibrate_several"),
+    "calibrate_several": ("calibrant.calibrate.cell.calibrate", "calibrate_several"),
     "detect": ("calibrant.detection.pipeline", "detect"),
     "parse_target": ("calibrant.targets.registry", "parse_target"),
     "read": ("calibrant.data.result_file", "read_result"),

@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from calibrant.calibrate.hand_eye.cell.camera_role import (
+from calibrant.calibrate.cell.problem.camera_role import (
     PIXEL,
     ROBOT_ROTATION,
     ROBOT_TRANSLATION,
     image_problem,
     prior_camera,
 )
-from calibrant.calibrate.hand_eye.pose_pairs import TARGET_ROTATION, TARGET_TRANSLATION, pose_pair_problem
+from calibrant.calibrate.cell.problem.pose_pairs import TARGET_ROTATION, TARGET_TRANSLATION, pose_pair_problem
+from calibrant.calibrate.cell.rig import fit_rig
 from calibrant.calibrate.intrinsics.calibrate import calibrate_keeping
 from calibrant.calibrate.intrinsics.target_shape import Flat, shape_of
 from calibrant.calibrate.kinematics.identify import calibrate_kinematics
 from calibrant.calibrate.kinematics.model import RobotModel
 from calibrant.calibrate.kinematics.problem import model_problem
 from calibrant.calibrate.reprojection.factor import stack
-from calibrant.calibrate.rigs.rig import fit_rig
 from calibrant.calibrate.solvers.setup import get_setup
 from calibrant.cameras import Camera
 from calibrant.data import Observations, View

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from calibrant.calibrate.hand_eye.calibrate import calibrate_hand_eye
+from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye
 from calibrant.cli.application import run
 from calibrant.data import CalibrationResult, RobotPoses
 from calibrant.data.result_file import read_result

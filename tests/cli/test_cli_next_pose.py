@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from calibrant.calibrate.hand_eye.calibrate import calibrate_hand_eye
+from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye
 from calibrant.cli.application import run
 from calibrant.robots.arms import arm
 from calibrant.simulate.cell import TARGET, make_cell, observe_cell

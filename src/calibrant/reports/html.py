@@ -12,7 +12,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from calibrant.calibrate.hand_eye.cell.stated import PICTURES
+from calibrant.calibrate.cell.stated import PICTURES
 from calibrant.cameras import Camera
 from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Check, TransformEstimate
 from calibrant.data.result_file import write_text

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.cell.layout import Layout, Pictures
-from calibrant.calibrate.hand_eye.cell.stated import stated_layout
+from calibrant.calibrate.cell.problem.layout import Layout, Pictures
+from calibrant.calibrate.cell.stated import stated_layout
 from calibrant.data import CalibrationResult, TransformEstimate
 from calibrant.diagnose.residuals import seen_poses
 from calibrant.geometry import se3

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.cell.layout import STANDING
-from calibrant.calibrate.hand_eye.cell.stated import stated_layout
+from calibrant.calibrate.cell.problem.layout import STANDING
+from calibrant.calibrate.cell.stated import stated_layout
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult
 from calibrant.reports.loop import LoopView, target_outline

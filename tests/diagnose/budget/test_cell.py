@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import calibrant as cb
-from calibrant.calibrate.hand_eye.calibrate_cell import calibrate_several
-from calibrant.calibrate.hand_eye.cell.layout import Pictures
+from calibrant.calibrate.cell.calibrate import calibrate_several
+from calibrant.calibrate.cell.problem.layout import Pictures
 from calibrant.data import CalibrationResult, Observations, RobotPoses
 from calibrant.diagnose.budget.cell import several_budgets
 from calibrant.diagnose.budget.volume import parse_volume

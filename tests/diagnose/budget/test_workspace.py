@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from calibrant.calibrate.hand_eye.calibrate import calibrate_hand_eye
-from calibrant.calibrate.hand_eye.cell.camera_role import (
+from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye
+from calibrant.calibrate.cell.problem.camera_role import (
     PIXEL,
     ROBOT_ROTATION,
     ROBOT_TRANSLATION,

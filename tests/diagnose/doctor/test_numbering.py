@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibrant.calibrate.hand_eye.boards.turned import NAME, board_turns, turned_views
+from calibrant.calibrate.cell.boards.turned import NAME, board_turns, turned_views
 from calibrant.data import Observations, RobotPoses
 from calibrant.diagnose.doctor.diagnosis import diagnose_views
 from calibrant.diagnose.doctor.repair import calibrate_repaired

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.calibrate import calibrate_hand_eye
+from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye
 from calibrant.calibrate.solvers.setup import get_setup
 from calibrant.diagnose.budget.single import NoiseLevels
 from calibrant.diagnose.next_pose.candidates import Candidates, Wishes, candidates, in_view, unwound

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import splu
 
-from calibrant.calibrate.hand_eye.cell.camera_role import CameraRole
-from calibrant.calibrate.hand_eye.cell.layout import Layout, Pictures, poses_variable, variable
-from calibrant.calibrate.hand_eye.cell.problem import (
+from calibrant.calibrate.cell.problem.camera_role import CameraRole
+from calibrant.calibrate.cell.problem.layout import Layout, Pictures, poses_variable, variable
+from calibrant.calibrate.cell.problem.problem import (
     Several,
     lens_variable,
     pixel_group,
@@ -27,8 +27,8 @@ from calibrant.calibrate.hand_eye.cell.problem import (
     scale_variable,
     several_problem,
 )
-from calibrant.calibrate.hand_eye.cell.stated import stated_layout
-from calibrant.calibrate.hand_eye.views import from_observations
+from calibrant.calibrate.cell.stated import stated_layout
+from calibrant.calibrate.cell.views import from_observations
 from calibrant.calibrate.solvers.setup import get_setup
 from calibrant.data import CalibrationResult
 from calibrant.diagnose.budget.single import (

@@ -28,8 +28,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.cell.camera_role import FLOORS
-from calibrant.calibrate.hand_eye.pose_pairs import (
+from calibrant.calibrate.cell.problem.camera_role import FLOORS
+from calibrant.calibrate.cell.problem.pose_pairs import (
     FLANGE_ROTATION,
     SCALE,
     TARGET_ROTATION,

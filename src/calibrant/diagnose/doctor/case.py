@@ -9,11 +9,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.boards.turned import with_boards
-from calibrant.calibrate.hand_eye.loop.noise import LoopNoise
-from calibrant.calibrate.hand_eye.loop.target_size import target_size
-from calibrant.calibrate.hand_eye.starts.robust import OUTLIER_P, RobustFit, log_misfit, robust_fit
-from calibrant.calibrate.hand_eye.views import HandEyeViews, from_observations, from_target_poses
+from calibrant.calibrate.cell.boards.turned import with_boards
+from calibrant.calibrate.cell.loop.noise import LoopNoise
+from calibrant.calibrate.cell.loop.target_size import target_size
+from calibrant.calibrate.cell.starts.robust import OUTLIER_P, RobustFit, log_misfit, robust_fit
+from calibrant.calibrate.cell.views import HandEyeViews, from_observations, from_target_poses
 from calibrant.calibrate.solvers.setup import Setup, get_setup
 from calibrant.cameras import Camera
 from calibrant.data import Missed, Observations, RobotPoses, View

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.boards.turned import ViewsNumbered
+from calibrant.calibrate.cell.boards.turned import ViewsNumbered
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Check, Observations, RobotPoses, View, ViewResult, verdict_of
 from calibrant.diagnose.conventions.hypotheses import Setup

@@ -13,8 +13,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.loop.fit import LoopFit, Model, fit_loop
-from calibrant.calibrate.hand_eye.starts.robust import log_misfit
+from calibrant.calibrate.cell.loop.fit import LoopFit, Model, fit_loop
+from calibrant.calibrate.cell.starts.robust import log_misfit
 from calibrant.diagnose.doctor.case import Case, loop_of
 from calibrant.diagnose.doctor.finding import Evidence, Finding, Loop
 from calibrant.diagnose.doctor.significance import CONVINCING, confidence, nested_test

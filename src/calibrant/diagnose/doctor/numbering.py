@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.boards.numbering import congruence
-from calibrant.calibrate.hand_eye.boards.turned import ViewsNumbered, board_turns, numbered_by_robot
+from calibrant.calibrate.cell.boards.numbering import congruence
+from calibrant.calibrate.cell.boards.turned import ViewsNumbered, board_turns, numbered_by_robot
 from calibrant.diagnose.conventions.hypotheses import SIEVE_DEG, SIEVE_RATIO
 from calibrant.diagnose.doctor.case import Case
 from calibrant.diagnose.doctor.finding import Finding

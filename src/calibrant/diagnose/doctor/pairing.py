@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.starts.robust import relative_angles
+from calibrant.calibrate.cell.starts.robust import relative_angles
 from calibrant.calibrate.solvers.relative import pair_indices
 from calibrant.diagnose.doctor.case import Case
 from calibrant.diagnose.doctor.finding import Evidence, Finding

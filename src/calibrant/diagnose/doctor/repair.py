@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibrant.calibrate.hand_eye.calibrate import calibrate_hand_eye
+from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye
 from calibrant.data import CalibrationResult, Measured, TransformEstimate
 from calibrant.diagnose.doctor import size
 from calibrant.diagnose.doctor.diagnosis import Diagnosis

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from calibrant.calibrate.hand_eye.loop.errors import loop_consistency
+from calibrant.calibrate.cell.loop.errors import loop_consistency
 from calibrant.diagnose.conventions.hypotheses import CONSISTENT
 from calibrant.diagnose.doctor import (
     bad_views,

@@ -1,6 +1,6 @@
 """A target of another size than given: the robot's motion is a ruler.
 
-The target's scale s is freed in A_i X B_i(s) = Z, with all sources of noise (`calibrate.hand_eye.loop_noise`, the
+The target's scale s is freed in A_i X B_i(s) = Z, with all sources of noise (`calibrate.cell.loop_noise`, the
 estimate that the calibration states too); (s - 1) / sigma_s is Student's t when the size is right.
 """
 
@@ -11,8 +11,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.loop.errors import loop_consistency
-from calibrant.calibrate.hand_eye.loop.fit import fit_loop
+from calibrant.calibrate.cell.loop.errors import loop_consistency
+from calibrant.calibrate.cell.loop.fit import fit_loop
 from calibrant.data import Measured
 from calibrant.diagnose.conventions.hypotheses import CONSISTENT
 from calibrant.diagnose.doctor.case import Case

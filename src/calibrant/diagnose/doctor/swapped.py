@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.starts.robust import log_misfit, noise_freedom
+from calibrant.calibrate.cell.starts.robust import log_misfit, noise_freedom
 from calibrant.diagnose.doctor.case import Case, loop_of
 from calibrant.diagnose.doctor.finding import Evidence, Finding
 from calibrant.diagnose.doctor.significance import confidence

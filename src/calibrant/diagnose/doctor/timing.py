@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.hand_eye.loop.fit import LoopFit, fit_loop
+from calibrant.calibrate.cell.loop.fit import LoopFit, fit_loop
 from calibrant.data import Measured
 from calibrant.diagnose.doctor.case import Case, loop_of
 from calibrant.diagnose.doctor.finding import Evidence, Finding

@@ -71,7 +71,7 @@ def repaired(diagnosis: Diagnosis, data: hand_eye_data.PairedData, request: hand
 
     Raises: RefusedError for a fault that only a person can cure, and as the calibration does.
     """
-    from calibrant.calibrate.hand_eye.boards.turned import NAME
+    from calibrant.calibrate.cell.boards.turned import NAME
     from calibrant.data import Check, verdict_of
     from calibrant.diagnose.doctor.repair import calibrate_repaired
     from calibrant.diagnose.review import review

@@ -29,8 +29,8 @@ class Request(hand_eye_data.Request):
 
 def calibrate(request: Request) -> CalibrationResult:
     """Run the whole command. Raises: InputError, RefusedError as the parts do."""
-    from calibrant.calibrate.hand_eye.by_method import JOINT, require_method
-    from calibrant.calibrate.hand_eye.calibrate import calibrate_hand_eye
+    from calibrant.calibrate.cell.by_method import JOINT, require_method
+    from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye
     from calibrant.diagnose.budget.volume import check_request
 
     check_request(request.workspace, request.tolerance, request.target_sigma)

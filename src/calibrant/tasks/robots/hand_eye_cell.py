@@ -22,8 +22,8 @@ from calibrant.tasks.robots import hand_eye_data
 from calibrant.tasks.robots.hand_eye import Request, in_workspace, require_sound
 
 if TYPE_CHECKING:
-    from calibrant.calibrate.hand_eye.cell.joint_offsets import JointReadings
-    from calibrant.calibrate.hand_eye.cell.layout import Pictures
+    from calibrant.calibrate.cell.problem.joint_offsets import JointReadings
+    from calibrant.calibrate.cell.problem.layout import Pictures
     from calibrant.cameras import Camera
     from calibrant.data import CalibrationResult, Check, Observations, RobotPoses
     from calibrant.diagnose.doctor.diagnosis import Diagnosis
@@ -159,9 +159,9 @@ def named_files(request: SeveralRequest) -> list[str]:
 
 def calibrate(request: SeveralRequest) -> CalibrationResult:
     """Run the whole command. Raises: InputError, RefusedError as the parts do."""
-    from calibrant.calibrate.hand_eye.by_method import JOINT, require_method
-    from calibrant.calibrate.hand_eye.calibrate_cell import calibrate_several
-    from calibrant.calibrate.hand_eye.cell.layout import ONLY_ROBOT
+    from calibrant.calibrate.cell.by_method import JOINT, require_method
+    from calibrant.calibrate.cell.calibrate import calibrate_several
+    from calibrant.calibrate.cell.problem.layout import ONLY_ROBOT
     from calibrant.data import verdict_of
     from calibrant.diagnose.budget.volume import check_request
     from calibrant.diagnose.review import review
@@ -228,7 +228,7 @@ def _read_between(
     request: SeveralRequest, camera: str, robots: str, images: tuple[str, ...], known: Sequence[_List]
 ) -> _List:
     """Photos by a camera on one robot of a target on another: paired with the poses of both."""
-    from calibrant.calibrate.hand_eye.cell.layout import HAND_TO_HAND, Pictures
+    from calibrant.calibrate.cell.problem.layout import HAND_TO_HAND, Pictures
     from calibrant.data import Check
 
     robot, other = robots.split(":")
@@ -272,8 +272,8 @@ def _only_reading(robot: str, data: hand_eye_data.PairedData, known: Sequence[_L
 
 def _read(request: SeveralRequest, camera: str, robot: str, images: tuple[str, ...]) -> _List:
     """One list of photos: paired, examined, its moments called as the poses are."""
-    from calibrant.calibrate.hand_eye.boards.turned import NAME
-    from calibrant.calibrate.hand_eye.cell.layout import ONLY_ROBOT, STANDING, Pictures
+    from calibrant.calibrate.cell.boards.turned import NAME
+    from calibrant.calibrate.cell.problem.layout import ONLY_ROBOT, STANDING, Pictures
     from calibrant.data import Check
 
     if robot not in request.poses:
@@ -367,7 +367,7 @@ def _poses_of(lists: Sequence[_List], robot: str) -> RobotPoses:
 
 def _joints(request: SeveralRequest, lists: Sequence[_List], robot: str, poses: RobotPoses) -> JointReadings:
     """What the robot's joints read at its poses."""
-    from calibrant.calibrate.hand_eye.cell.joint_offsets import JointReadings
+    from calibrant.calibrate.cell.problem.joint_offsets import JointReadings
 
     raw = next(part.raw for part in lists if part.pictures.robot == robot and part.raw is not None)
     chain = request.common.arm.chain()

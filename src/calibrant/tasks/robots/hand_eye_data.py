@@ -132,7 +132,7 @@ def diagnose(data: PairedData, request: Request) -> Diagnosis:
 
 def _seen(data: PairedData, request: Request) -> tuple[Observations, Camera]:
     """The observations without points that do not belong, and the camera that saw them."""
-    from calibrant.calibrate.hand_eye.views import MINIMUM_POINTS
+    from calibrant.calibrate.cell.views import MINIMUM_POINTS
     from calibrant.calibrate.intrinsics.calibrate import calibrate_keeping
 
     observations = data.observations

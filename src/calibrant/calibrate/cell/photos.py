@@ -1,0 +1,142 @@
+"""From photos to what the hand-eye problem takes: target poses, the camera's role, the views ruled out before."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.calibrate.cell.problem.camera_role import CameraRole, prior_camera
+from calibrant.calibrate.cell.views import (
+    LEAST_SIGMA_PX,
+    HandEyeViews,
+    from_observations,
+    unsharp_views,
+)
+from calibrant.calibrate.cell.views import MINIMUM_POINTS as ENOUGH_POINTS
+from calibrant.calibrate.intrinsics.calibrate import CAUCHY_SCALE_SIGMAS, MINIMUM_POINTS, calibrate_keeping
+from calibrant.calibrate.pose.target_poses import target_poses
+from calibrant.calibrate.reprojection.outliers import Marked, mark, view_reason
+from calibrant.calibrate.reprojection.weights import reweighted
+from calibrant.cameras import Camera
+from calibrant.data import Observations, RobotPoses, View, ViewResult
+from calibrant.errors import InputError
+from calibrant.geometry import se3
+from calibrant.optimize.losses import Loss, cauchy
+
+Array = NDArray[np.float64]
+
+ON_A_LINE = 1e-4
+"""Scatter across over scatter along, below which points lie on a line: 0.01 mm on 100 mm, as flat as paper is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """Views that a given camera can have taken, weighted, without points that do not belong; the others, and why."""
+
+    views: tuple[View, ...]
+    left_out: tuple[ViewResult, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Photos:
+    """Views with their target poses, the camera's role in the joint problem, the pixel noise to start from."""
+
+    data: HandEyeViews
+    role: CameraRole
+    sigma_px: float
+
+
+def named_by_poses(observations: Observations, poses: RobotPoses, *, given_ids: bool) -> Observations:
+    """Views that carry the poses' ids: by name when the poses have names, else by order."""
+    if len(observations.image_sizes) != 1:
+        raise InputError(f"hand-eye calibration takes one camera, got {', '.join(observations.image_sizes)}")
+    if given_ids:
+        return observations
+    if len(observations.views) != len(poses):
+        raise InputError(
+            f"{len(poses)} robot poses without names but {len(observations.views)} views with a target; "
+            "give RobotPoses with the views' ids, or one pose a view"
+        )
+    views = tuple(replace(v, moment=i) for v, i in zip(observations.views, poses.ids))
+    return replace(observations, views=views)
+
+
+def prepare_photos(
+    poses: RobotPoses, observations: Observations, camera: Camera | None, model: str, fix: Sequence[str]
+) -> Photos:
+    """Photos with a camera that is given, or that they calibrate. Raises as `calibrate_intrinsics` does."""
+    remarks = unsharp_views(observations.views)
+    if camera is not None:
+        judged = judge(observations.views, camera)
+        data = from_observations(poses, replace(observations, views=judged.views), camera).noted(remarks)
+        data = replace(data, left_out=judged.left_out)
+        return Photos(data, prior_camera(camera), data.sigma_px)
+    kept = calibrate_keeping(observations, model=model, fix=fix)
+    result = kept.result
+    sigma = max(result.sigma_px or 0.0, LEAST_SIGMA_PX)
+    data = from_observations(poses, replace(observations, views=kept.views), result.camera, sigma).noted(remarks)
+    data = replace(data, left_out=tuple(v for v in result.views if not v.used))
+    return Photos(data, _calibrated(result.camera, data), sigma)
+
+
+def _calibrated(camera: Camera, data: HandEyeViews) -> CameraRole:
+    """A camera that the same photos determine: those without a use for the robot still count for it."""
+    held = tuple(n for n, s in camera.sigma.items() if s == 0)
+    extra = [(v, T) for v, T, use in zip(data.views or (), data.B, data.use) if not use and len(v) >= MINIMUM_POINTS]
+    usable = [(v, T) for v, T in extra if not np.allclose(T, np.eye(4))]
+    return CameraRole(
+        camera,
+        held,
+        extra=tuple(v for v, _ in usable),
+        extra_poses=np.array([T for _, T in usable]).reshape(-1, 4, 4),
+    )
+
+
+def judge(views: Sequence[View], camera: Camera) -> Judged:
+    """What `calibrate_intrinsics` does to the views it calibrates from, for a camera that is given.
+
+    Each view is fitted by its own pose; points that do not belong are found by a robust fit and left out; what is left
+    weighs with the detector's sigma and the excess noise. Views with too few points for a pose are passed on.
+    """
+    out: dict[str, str] = {v.id: _line_reason(v) for v in views if len(v) >= ENOUGH_POINTS and _on_a_line(v)}
+    fitted = [v for v in views if len(v) >= ENOUGH_POINTS and v.id not in out]
+    if fitted:
+        marked = _mark(fitted, camera, None, 1.0)
+        if not marked.keep.all():
+            marked = _mark(fitted, camera, cauchy(CAUCHY_SCALE_SIGMAS), max(marked.sigma_px, LEAST_SIGMA_PX))
+        typical = marked.sigma_px * np.sqrt(2)
+        parts = np.split(marked.keep, np.cumsum([len(v) for v in fitted])[:-1])
+        kept = [v.subset(keep) for v, keep in zip(fitted, parts) if keep.sum() >= ENOUGH_POINTS]
+        out |= {v.id: view_reason(len(v), typical) for v, keep in zip(fitted, parts) if keep.sum() < ENOUGH_POINTS}
+        fitted = list(reweighted(kept, _squares(kept, camera), unknowns=6 * len(kept))) if kept else []
+    done = {v.id: v for v in fitted}
+    return Judged(
+        tuple(done.get(v.id, v) for v in views if v.id not in out),
+        tuple(ViewResult(v.id, False, len(v), None, out[v.id], v.camera) for v in views if v.id in out),
+    )
+
+
+def _mark(views: Sequence[View], camera: Camera, loss: Loss | None, sigma: float) -> Marked:
+    """Judge all points alike: a detector's sigma says nothing of what does not belong."""
+    alike = [replace(v, sigma_px=None) for v in views]
+    offsets = np.concatenate([[0], np.cumsum([len(v) for v in views])])
+    return mark(np.sqrt(_squares(alike, camera, loss, sigma)), offsets)
+
+
+def _squares(views: Sequence[View], camera: Camera, loss: Loss | None = None, sigma: float = 1.0) -> Array:
+    """Squared residual norms of all points, px^2, each view at its own pose."""
+    T = target_poses(camera, views, loss=loss, sigma=sigma).T_camera_target
+    residuals = [camera.project(se3.apply(pose, v.points)) - v.uv for v, pose in zip(views, T)]
+    return np.sum(np.concatenate(residuals) ** 2, axis=1)
+
+
+def _on_a_line(view: View) -> bool:
+    along, across, *_ = np.linalg.svd(view.points - view.points.mean(axis=0), compute_uv=False)
+    return bool(across <= ON_A_LINE * along)
+
+
+def _line_reason(view: View) -> str:
+    return f"its {len(view)} points lie on a line, which determines no pose"

@@ -1,0 +1,1 @@
+"""The unknowns and equations of a cell: its frames, its cameras, its robots, its factors."""

@@ -1,0 +1,59 @@
+"""The layout of a result of several cameras or robots, from what its file holds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from calibrant.calibrate.cell.problem.layout import Layout, Pictures, id_prefix
+from calibrant.data import CalibrationResult, Observations, RobotPoses
+
+PICTURES = "pictures"
+"""The option that lists camera, robot, setup and target of each list of pictures."""
+
+
+def stated_layout(result: CalibrationResult, *, used_only: bool = True) -> Layout | None:
+    """The cell's frames and pictures with the views that the calibration used, robot poses as the result holds them.
+
+    used_only: False for all views in which a target was found.
+    None for a result of one camera and one robot, or one whose file does not hold its pictures.
+    """
+    stated = result.options.get(PICTURES)
+    if not isinstance(stated, (list, tuple)) or result.observations is None or result.robot_poses is None:
+        return None
+    lists = [(str(p["camera"]), str(p["robot"])) for p in stated]
+    names = list(dict.fromkeys(r for p in stated for r in (str(p["robot"]), str(p.get("other", ""))) if r))
+    robots = {name: _poses_of(result.robot_poses, name, alone=len(names) == 1) for name in names}
+    pictures = []
+    for i, p in enumerate(stated):
+        seen = _seen_by(result.observations, lists, i, alone=len(names) == 1)
+        if used_only:
+            used = {v.id for v in result.views if v.used and v.camera == lists[i][0]}
+            seen = replace(seen, views=tuple(v for v in seen.views if v.id in used))
+        pictures.append(
+            Pictures(lists[i][0], str(p["setup"]), seen, lists[i][1], str(p["target"]), str(p.get("other", "")))
+        )
+    return Layout(robots, tuple(pictures))
+
+
+def _poses_of(poses: RobotPoses, robot: str, *, alone: bool) -> RobotPoses:
+    if alone:
+        return poses
+    mine = [k for k, name in enumerate(poses.ids) if name.startswith(f"{robot}/")]
+    ids = tuple(poses.ids[k].removeprefix(f"{robot}/") for k in mine)
+    return replace(poses, ids=ids, T_base_gripper=poses.T_base_gripper[np.array(mine, dtype=np.int64)])
+
+
+def _seen_by(observations: Observations, lists: list[tuple[str, str]], i: int, *, alone: bool) -> Observations:
+    """The views of list i; their moments are ids of the robot's poses."""
+    camera, robot = lists[i]
+    prefix = id_prefix(lists, i)
+    others = [id_prefix(lists, k) for k in range(len(lists)) if k != i and lists[k][0] == camera]
+    longer = tuple(o for o in others if len(o) > len(prefix) and o.startswith(prefix))
+    views = []
+    for v in observations.views:
+        if v.camera != camera or not v.id.startswith(prefix) or v.id.startswith(longer):
+            continue
+        views.append(v if alone else replace(v, moment=v.moment.removeprefix(f"{robot}/")))
+    return replace(observations, views=tuple(views), image_sizes={camera: observations.image_sizes[camera]}, missed=())

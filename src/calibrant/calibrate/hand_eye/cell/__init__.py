@@ -1,1 +1,0 @@
-"""A cell of cameras, robots, targets and lists of pictures as one weighted problem."""

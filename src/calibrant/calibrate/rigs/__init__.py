@@ -1,1 +1,0 @@
-"""Several cameras rigid to each other."""

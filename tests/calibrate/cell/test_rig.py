@@ -1,0 +1,94 @@
+"""Rigs: exact on exact data, honest on noisy data, clear about what does not hang together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibrant.calibrate.cell.rig import calibrate_rig
+from calibrant.data import Observations, View
+from calibrant.errors import InputError, RefusedError
+from calibrant.geometry import se3, so3
+from calibrant.simulate.scenes import grid, look_at_board, standard_camera
+
+CAMERA, POINTS = standard_camera(), grid(8, 6, 0.03)
+TURNS = [so3.exp([0, 0.1 * (c - 1), 0]) for c in range(3)]
+T_CAMERA_RIG = np.stack([se3.make(R, -R @ [0.1 * (c - 1), 0.01 * c, 0]) for c, R in enumerate(TURNS)])
+NAMES = ("left", "middle", "right")
+
+
+def rig_scene(seed: int, *, sigma: float = 0.1, frames: int = 14) -> Observations:
+    """Three cameras side by side; each sees the boards that lie wholly in its image."""
+    rng = np.random.default_rng(seed)
+    views = []
+    for m, T in enumerate(look_at_board(CAMERA, POINTS, frames, rng=rng, distance=(0.4, 0.8))):
+        for name, M in zip(NAMES, T_CAMERA_RIG):
+            uv = CAMERA.project(se3.apply(M @ T, POINTS))
+            if np.all(np.isfinite(uv)) and np.all((uv > 0) & (uv < np.array(CAMERA.image_size) - 1)):
+                noisy = uv + sigma * rng.normal(size=uv.shape)
+                views.append(View(f"{name}-{m}", POINTS, noisy, np.arange(len(POINTS)), name, moment=str(m)))
+    return Observations(tuple(views), dict.fromkeys(NAMES, CAMERA.image_size))
+
+
+def truth(a: int, b: int) -> np.ndarray:
+    return T_CAMERA_RIG[a] @ se3.inverse(T_CAMERA_RIG[b])
+
+
+def test_exact_data_give_the_exact_rig() -> None:
+    result = calibrate_rig(rig_scene(0, sigma=0.0))
+    for k in (1, 2):
+        np.testing.assert_allclose(result.transform("left", NAMES[k]).matrix, truth(0, k), atol=1e-7)
+    assert result.rms_px == pytest.approx(0, abs=1e-6)
+
+
+def test_errors_match_their_covariance() -> None:
+    """Normalised error of two transforms over seeds: 6 degrees of freedom each."""
+    scores = []
+    for seed in range(12):
+        result = calibrate_rig(rig_scene(seed))
+        for k in (1, 2):
+            estimate = result.transform("left", NAMES[k])
+            d = se3.local(truth(0, k), estimate.matrix)
+            scores.append(d @ np.linalg.solve(estimate.covariance, d))
+    # Mean of 24 values of deviation sqrt(12), in pairs correlated: 6 +- 1; three sigmas allowed.
+    assert 3.0 < np.mean(scores) < 9.0
+
+
+def test_the_reference_can_be_any_camera() -> None:
+    observations = rig_scene(1)
+    result = calibrate_rig(observations, reference="right")
+    direct = calibrate_rig(observations).transform("left", "right")
+    np.testing.assert_allclose(
+        se3.inverse(result.transform("right", "left").matrix), direct.matrix, atol=1e-6
+    )  # the solver's stop
+    assert result.sigma_px == pytest.approx(0.1, rel=0.05)
+    assert result.verdict == "ok"
+    assert len(result.views) == len(observations.views)
+
+
+def test_cameras_without_a_common_moment_are_named() -> None:
+    scene = rig_scene(2)
+    views = tuple(replace(v, moment=f"alone {v.moment}") if v.camera == "right" else v for v in scene.views)
+    with pytest.raises(RefusedError, match="right saw the target at no moment together with left, middle"):
+        calibrate_rig(replace(scene, views=views))
+
+
+def test_a_rig_that_moved_is_noticed() -> None:
+    scene = rig_scene(3)
+    views = []
+    for v in scene.views:
+        later = v.camera == "right" and int(v.moment) >= 7
+        views.append(replace(v, uv=v.uv + np.array([3.0, 0.0])) if later else v)
+    check = calibrate_rig(replace(scene, views=tuple(views))).check("rigidity")
+    assert check.status == "warn"
+    assert "moved against each other" in check.message
+
+
+def test_bad_input() -> None:
+    scene = rig_scene(4)
+    with pytest.raises(InputError, match="two cameras or more"):
+        calibrate_rig(scene.of_camera("left"))
+    with pytest.raises(InputError, match="no camera 'top'"):
+        calibrate_rig(scene, reference="top")

@@ -17,6 +17,7 @@ FLOOR = {
     "errors": 0,
     "compiled": 0,
     "version": 0,
+    "opencv": 2,
     "executors": 0,
     "geometry": 0,
     "optimize": 1,

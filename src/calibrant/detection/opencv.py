@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.detection.detection import Grey
+from calibrant.opencv import cv2
 from calibrant.targets.charuco import Charuco
 from calibrant.targets.dictionaries import dictionary_name
 

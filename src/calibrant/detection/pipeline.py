@@ -8,7 +8,6 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,6 +22,7 @@ from calibrant.detection.registry import detector_for
 from calibrant.detection.subpixel.refinement import DEFAULT, Refinement
 from calibrant.errors import DetectionError, InputError
 from calibrant.executors import executor_for
+from calibrant.opencv import cv2
 from calibrant.targets.registry import parse_target
 from calibrant.targets.target import Target
 

@@ -12,12 +12,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.cameras import Camera
 from calibrant.errors import InputError
+from calibrant.opencv import cv2
 from calibrant.perceive.rectangles import Rectangle, largest_rectangle
 
 Array = NDArray[np.float64]

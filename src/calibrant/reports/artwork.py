@@ -8,11 +8,11 @@ from collections.abc import Callable
 from html import escape
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.errors import InputError
+from calibrant.opencv import cv2
 from calibrant.reports.sheet import TEXT_MM, DiscFill, Fill, Label, Sheet
 
 POINTS_PER_MM = 72.0 / 25.4

@@ -6,11 +6,11 @@ import base64
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.errors import InputError
+from calibrant.opencv import cv2
 
 _MOST_PICTURES = 40
 """Reading a picture takes some 20 ms: more than these would make a report slow to write."""

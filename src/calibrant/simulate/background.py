@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from calibrant.opencv import cv2
 
 
 def clutter(image_size: tuple[int, int], *, shapes: int, rng: np.random.Generator) -> NDArray[np.float32]:

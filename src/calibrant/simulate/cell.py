@@ -11,7 +11,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,6 +18,7 @@ from calibrant.cameras import Camera
 from calibrant.data import Observations, RobotPoses
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
+from calibrant.opencv import cv2
 from calibrant.robots.arms import arm
 from calibrant.simulate.arm import choose_views
 from calibrant.simulate.noise import noisy_poses

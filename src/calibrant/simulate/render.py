@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import RectBivariateSpline
@@ -19,6 +18,7 @@ from scipy.interpolate import RectBivariateSpline
 from calibrant.cameras import Camera
 from calibrant.errors import InputError
 from calibrant.geometry import se3
+from calibrant.opencv import cv2
 from calibrant.simulate.background import clutter
 from calibrant.simulate.texture import Texture, rasterise
 from calibrant.targets import Artwork

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.errors import InputError
+from calibrant.opencv import cv2
 from calibrant.targets import Artwork, Disc, MarkerArt, Polygon
 
 Array = NDArray[np.float64]

@@ -12,7 +12,6 @@ from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from calibrant.cameras.camera import Camera
@@ -25,6 +24,7 @@ from calibrant.detection.images.images import load_grey
 from calibrant.detection.subpixel.refinement import DEFAULT, Refinement
 from calibrant.errors import InputError
 from calibrant.executors import executor_for
+from calibrant.opencv import cv2
 from calibrant.targets.charuco import Charuco
 from calibrant.targets.registry import parse_target
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 
 from calibrant.detection.chessboard.candidates import MOST_CANDIDATES, find_corners
@@ -25,6 +24,7 @@ from calibrant.detection.detection import Detection, Grey
 from calibrant.detection.subpixel.refinement import DEFAULT, Refinement, refine
 from calibrant.detection.subpixel.saddle import Refined
 from calibrant.errors import InputError
+from calibrant.opencv import cv2
 from calibrant.targets.chessboard import Chessboard
 from calibrant.targets.target import Target
 

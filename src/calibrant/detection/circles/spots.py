@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.compiled import compiled
+from calibrant.opencv import cv2
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]

@@ -17,13 +17,13 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from calibrant.detection.detection import Detection
 from calibrant.detection.images.video import frame_of
 from calibrant.detection.subpixel.refinement import DEFAULT, Refinement
 from calibrant.errors import InputError
+from calibrant.opencv import cv2
 from calibrant.targets.target import Target
 from calibrant.version import __version__
 

@@ -8,13 +8,13 @@ from glob import glob, has_magic
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.detection.images import header as image_header
 from calibrant.detection.images.video import frame_of, frames, read_frame, video_of
 from calibrant.errors import InputError
+from calibrant.opencv import cv2
 
 EXTENSIONS = (
     *(".png", ".jpg", ".jpeg", ".jpe", ".bmp", ".dib", ".tif", ".tiff", ".webp", ".jp2"),

@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,6 +20,7 @@ from calibrant.detection.images.images import expand, load_grey, to_grey8
 from calibrant.detection.images.video import EXTENSIONS as VIDEOS
 from calibrant.errors import InputError
 from calibrant.geometry.projective import apply_homography, homography
+from calibrant.opencv import cv2
 from calibrant.targets.target import Target
 
 Array = NDArray[np.float64]

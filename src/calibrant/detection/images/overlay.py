@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.data import View
 from calibrant.detection.images.images import to_grey8
+from calibrant.opencv import cv2
 
 POINT, ORDER, X_AXIS, Y_AXIS = (80, 220, 80), (200, 160, 60), (60, 60, 230), (60, 200, 60)
 """Colours in BGR; x red and y green, as axes are drawn everywhere."""

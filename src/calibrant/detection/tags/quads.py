@@ -14,12 +14,12 @@ from __future__ import annotations
 
 import math
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.compiled import compiled
 from calibrant.detection.detection import Grey
+from calibrant.opencv import cv2
 
 Array = NDArray[np.float64]
 

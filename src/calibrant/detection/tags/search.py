@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-import cv2
 import numpy as np
 
 from calibrant.detection.detection import Grey
 from calibrant.detection.opencv import Markers, shrink
 from calibrant.detection.tags.codes import read_codes
 from calibrant.detection.tags.quads import MIDDLE, find_quads
+from calibrant.opencv import cv2
 
 Ink = Literal["dark", "light"]
 

@@ -9,7 +9,7 @@ import numpy as np
 from doctor import Sample
 from numpy.typing import NDArray
 
-from calibrant.calibrate.intrinsics.calibrate import calibrate_keeping
+from calibrant.calibrate.intrinsics.one_model import calibrate_keeping
 from calibrant.calibrate.pose.target_poses import target_poses
 from calibrant.cameras import Camera
 from calibrant.data import Observations

@@ -77,7 +77,7 @@ def ours(job: str, path: str, repeats: int) -> Row:
     import numba  # noqa: F401
     import scipy.sparse  # noqa: F401
 
-    from calibrant.calibrate.intrinsics.calibrate import calibrate_keeping
+    from calibrant.calibrate.intrinsics.one_model import calibrate_keeping
     from calibrant.data import Observations
 
     with np.load(path) as file:

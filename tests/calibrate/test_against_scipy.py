@@ -18,7 +18,7 @@ from calibrant.calibrate.cell.problem.camera_role import (
 )
 from calibrant.calibrate.cell.problem.pose_pairs import TARGET_ROTATION, TARGET_TRANSLATION, pose_pair_problem
 from calibrant.calibrate.cell.rig import fit_rig
-from calibrant.calibrate.intrinsics.calibrate import calibrate_keeping
+from calibrant.calibrate.intrinsics.one_model import calibrate_keeping
 from calibrant.calibrate.intrinsics.target_shape import Flat, shape_of
 from calibrant.calibrate.kinematics.identify import calibrate_kinematics
 from calibrant.calibrate.kinematics.model import RobotModel

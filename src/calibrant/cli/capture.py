@@ -14,7 +14,7 @@ from calibrant.errors import InputError, RefusedError
 
 if TYPE_CHECKING:
     from calibrant.data import CalibrationResult, Observations, View
-    from calibrant.detection.images.live import Session
+    from calibrant.detection.live import Session
 
 LEAST_VIEWS = 6
 """Views before the first calibration: with fewer, sigma says little."""
@@ -73,7 +73,7 @@ def _run(source: str, spec: str, to: Path | None, goal_px: float, model: str, *,
     import cv2
 
     from calibrant.data import Observations, View
-    from calibrant.detection.images.live import Session, frames_from
+    from calibrant.detection.live import Session, frames_from
     from calibrant.detection.registry import detector_for
     from calibrant.targets.registry import parse_target
 

@@ -171,7 +171,7 @@ def detect_boards(
 
 def cache_folder(given: str | None) -> Path | None:
     """The folder that keeps detections: the one given, none for that word, else the user's own if it can be used."""
-    from calibrant.detection.images.cache import Cache, default_folder
+    from calibrant.detection.cache import Cache, default_folder
 
     if given is not None:
         return None if given == "none" else Path(given)

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from calibrant.data import DEFAULT_CAMERA, Missed, Observations, View
 from calibrant.data.file_names import distinct_names
+from calibrant.detection.cache import Cache, key_of
 from calibrant.detection.detection import Detection
-from calibrant.detection.images.cache import Cache, key_of
 from calibrant.detection.images.header import UPRIGHT, WORDS
 from calibrant.detection.images.images import expand, load_grey, orientation_of
 from calibrant.detection.images.likeness import notes_on_likeness

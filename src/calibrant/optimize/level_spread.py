@@ -6,7 +6,7 @@ With J in units of the noise and R = I - J C J^T, the restricted likelihood of t
 
 E_k the residuals of group k, H_k its share of the normal matrix, r_k its redundancy (Koch 1999, section 3.6.3; Searle,
 Casella and McCulloch 1992, "Variance components", section 6.6). Groups that move the same residuals know each
-other's levels badly: the off-diagonal terms (`noise_shares` finds M). C at the estimated levels is too small on
+other's levels badly: the off-diagonal terms (`noise_shares` gives M). C at the estimated levels is too small on
 average, because a level may as well be higher. It is averaged over precisions 1 / sigma_k^2 moved along the
 eigenvectors u_j of M by -+ sqrt(2 / m_j),
 

@@ -23,7 +23,8 @@ from calibrant.calibrate.classical import (
 )
 from calibrant.calibrate.classical.points import dimension
 from calibrant.calibrate.classical.radial import RadialModel
-from calibrant.calibrate.intrinsics.calibrate import Start, calibrate_intrinsics, refine
+from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics
+from calibrant.calibrate.intrinsics.fit import Start, refine
 from calibrant.calibrate.reprojection.factor import stack
 from calibrant.cameras import Camera, camera_model
 from calibrant.errors import CalibrantError, InputError, RefusedError

@@ -34,7 +34,7 @@ from calibrant.calibrate.cell.result import several_result
 from calibrant.calibrate.cell.starts.cell import several_start
 from calibrant.calibrate.cell.stated import PICTURES
 from calibrant.calibrate.cell.views import HandEyeViews, from_observations, match_views
-from calibrant.calibrate.intrinsics.calibrate import calibrate_keeping
+from calibrant.calibrate.intrinsics.one_model import calibrate_keeping
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Observations, RobotPoses, View, ViewResult, verdict_of
 from calibrant.data.verdicts import refuse_if_failed, stamp

@@ -16,9 +16,9 @@ from calibrant.calibrate.cell.views import (
     unsharp_views,
 )
 from calibrant.calibrate.cell.views import MINIMUM_POINTS as ENOUGH_POINTS
-from calibrant.calibrate.intrinsics.calibrate import CAUCHY_SCALE_SIGMAS, MINIMUM_POINTS, calibrate_keeping
+from calibrant.calibrate.intrinsics.one_model import calibrate_keeping
 from calibrant.calibrate.pose.target_poses import target_poses
-from calibrant.calibrate.reprojection.outliers import Marked, mark, view_reason
+from calibrant.calibrate.reprojection.outliers import CAUCHY_SCALE_SIGMAS, MINIMUM_POINTS, Marked, mark, view_reason
 from calibrant.calibrate.reprojection.weights import reweighted
 from calibrant.cameras import Camera
 from calibrant.data import Observations, RobotPoses, View, ViewResult

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.intrinsics.calibrate import Kept, calibrate_keeping
+from calibrant.calibrate.intrinsics.one_model import Kept, calibrate_keeping
 from calibrant.calibrate.reprojection.factor import ReprojectionFactor
 from calibrant.calibrate.reprojection.held import camera_manifold
 from calibrant.calibrate.reprojection.links import Link

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from calibrant.calibrate.reprojection.factor import ReprojectionFactor, StackedViews, stack
 from calibrant.calibrate.reprojection.held import camera_manifold
 from calibrant.calibrate.reprojection.links import Link
-from calibrant.calibrate.reprojection.outliers import Marked, mark
+from calibrant.calibrate.reprojection.outliers import CAUCHY_SCALE_SIGMAS, MINIMUM_POINTS, Marked, mark
 from calibrant.calibrate.reprojection.priors import model_priors
 from calibrant.calibrate.reprojection.weights import reweighted
 from calibrant.cameras import CameraModel
@@ -24,10 +24,6 @@ from calibrant.optimize.problem import Problem
 from calibrant.optimize.solution import Solution
 
 Array = NDArray[np.float64]
-
-CAUCHY_SCALE_SIGMAS = 2.385
-"""95 % efficiency on Gaussian noise (Zhang 1997, "Parameter estimation techniques", table 1)."""
-MINIMUM_POINTS = 4
 
 
 @dataclass(frozen=True, eq=False)

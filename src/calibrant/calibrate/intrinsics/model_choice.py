@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.calibrate.classical import planar as planar_start
-from calibrant.calibrate.intrinsics.calibrate import Kept, calibrate_keeping
+from calibrant.calibrate.intrinsics.one_model import Kept, calibrate_keeping
 from calibrant.calibrate.pose.target_poses import target_poses
 from calibrant.calibrate.reprojection.factor import stack
 from calibrant.calibrate.reprojection.held import ASPECT, GROUPS, expand_fix

@@ -21,10 +21,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.intrinsics.calibrate import CAUCHY_SCALE_SIGMAS
 from calibrant.calibrate.pose.target_poses import TargetPoses, target_poses
 from calibrant.calibrate.reprojection.factor import stack
-from calibrant.calibrate.reprojection.outliers import Marked, mark
+from calibrant.calibrate.reprojection.outliers import CAUCHY_SCALE_SIGMAS, Marked, mark
 from calibrant.calibrate.reprojection.weights import reweighted
 from calibrant.cameras import Camera
 from calibrant.data import View

@@ -14,6 +14,10 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+CAUCHY_SCALE_SIGMAS = 2.385
+"""95 % efficiency on Gaussian noise (Zhang 1997, "Parameter estimation techniques", table 1)."""
+MINIMUM_POINTS = 4
+"""Points of a view that determine the pose of a plane."""
 RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))
 MINIMUM_LIMIT_SIGMAS = 6.0
 EXPECTED_FALSE_POINTS = 0.01

@@ -7,7 +7,8 @@ from functools import partial
 import numpy as np
 
 from calibrant.diagnose.doctor.case import Case, loop_of
-from calibrant.diagnose.doctor.finding import Evidence, Finding
+from calibrant.diagnose.doctor.finding import Finding
+from calibrant.diagnose.doctor.loop import Evidence
 from calibrant.diagnose.doctor.significance import confidence
 
 MOST = 1 / 3

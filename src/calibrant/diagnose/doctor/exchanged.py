@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.diagnose.doctor.case import Case
-from calibrant.diagnose.doctor.finding import Evidence, Finding
+from calibrant.diagnose.doctor.finding import Finding
+from calibrant.diagnose.doctor.loop import Evidence
 from calibrant.diagnose.doctor.significance import confidence
 from calibrant.geometry import se3
 

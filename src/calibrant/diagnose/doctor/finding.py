@@ -4,47 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from calibrant.data import Check, Measured
 from calibrant.data.results import Status
+from calibrant.diagnose.doctor.case import Case
+from calibrant.diagnose.doctor.loop import Evidence
 
-if TYPE_CHECKING:
-    from calibrant.diagnose.conventions.hypotheses import Alternative
-    from calibrant.diagnose.doctor.case import Case
-
-Repair = Callable[["Case"], "Case"]
-
-
-@dataclass(frozen=True)
-class Loop:
-    """Spread of the loop A_i X B_i about what the views that agree say: rms over all views used."""
-
-    mm: float
-    deg: float
-
-    @classmethod
-    def of(cls, hypothesis: Alternative) -> Loop:
-        """The loop as a notation of the poses closes it."""
-        return cls(hypothesis.loop_rms_mm, hypothesis.loop_rms_deg)
-
-    @property
-    def text(self) -> str:
-        """The loop in words."""
-        return f"{self.mm:.3g} mm / {self.deg:.2g} deg"
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """The loop as the data stand, and with the fault taken out."""
-
-    before: Loop
-    after: Loop
-
-    @property
-    def text(self) -> str:
-        """Both in words."""
-        return f"the loop closes to {self.after.text} instead of {self.before.text}"
+Repair = Callable[[Case], Case]
 
 
 @dataclass(frozen=True, eq=False)

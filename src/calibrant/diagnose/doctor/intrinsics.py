@@ -15,7 +15,8 @@ from calibrant.cameras import Camera
 from calibrant.data import Measured, View
 from calibrant.diagnose.doctor import size
 from calibrant.diagnose.doctor.case import Case
-from calibrant.diagnose.doctor.finding import Evidence, Finding
+from calibrant.diagnose.doctor.finding import Finding
+from calibrant.diagnose.doctor.loop import Evidence
 from calibrant.diagnose.doctor.significance import CONVINCING, confidence, nested_test, ratio_test
 from calibrant.errors import InputError, RefusedError
 

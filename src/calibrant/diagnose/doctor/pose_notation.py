@@ -21,7 +21,8 @@ from calibrant.data import Check
 from calibrant.diagnose.conventions.decide import ConventionDecision, decide
 from calibrant.diagnose.conventions.hypotheses import CONSISTENT, Alternative, Setup
 from calibrant.diagnose.doctor.exchanged import look_inverted
-from calibrant.diagnose.doctor.finding import Evidence, Finding, Loop
+from calibrant.diagnose.doctor.finding import Finding
+from calibrant.diagnose.doctor.loop import Evidence, Loop
 from calibrant.diagnose.doctor.pairing import Order, congruent_orders
 from calibrant.diagnose.doctor.significance import confidence
 from calibrant.errors import RefusedError

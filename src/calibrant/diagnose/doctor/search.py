@@ -26,7 +26,8 @@ from calibrant.diagnose.doctor import (
     timing,
 )
 from calibrant.diagnose.doctor.case import Case
-from calibrant.diagnose.doctor.finding import Finding, Loop
+from calibrant.diagnose.doctor.finding import Finding
+from calibrant.diagnose.doctor.loop import Loop
 from calibrant.diagnose.doctor.significance import confidence
 
 Examine = Callable[[Case], list[Finding]]

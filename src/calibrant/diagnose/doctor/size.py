@@ -16,7 +16,8 @@ from calibrant.calibrate.cell.loop.fit import fit_loop
 from calibrant.data import Measured
 from calibrant.diagnose.conventions.hypotheses import CONSISTENT
 from calibrant.diagnose.doctor.case import Case
-from calibrant.diagnose.doctor.finding import Evidence, Finding
+from calibrant.diagnose.doctor.finding import Finding
+from calibrant.diagnose.doctor.loop import Evidence
 from calibrant.diagnose.doctor.significance import CONVINCING, confidence, student_test
 from calibrant.geometry import se3
 

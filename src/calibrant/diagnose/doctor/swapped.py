@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from calibrant.calibrate.cell.starts.robust import log_misfit, noise_freedom
 from calibrant.diagnose.doctor.case import Case, loop_of
-from calibrant.diagnose.doctor.finding import Evidence, Finding
+from calibrant.diagnose.doctor.finding import Finding
+from calibrant.diagnose.doctor.loop import Evidence
 from calibrant.diagnose.doctor.significance import confidence
 from calibrant.geometry import se3
 from calibrant.optimize.chances import f_tail

@@ -21,7 +21,8 @@ from calibrant.diagnose.conventions.hypotheses import (
     rank,
     sieve_limit,
 )
-from calibrant.diagnose.doctor.finding import Evidence, Finding, Loop
+from calibrant.diagnose.doctor.finding import Finding
+from calibrant.diagnose.doctor.loop import Evidence, Loop
 from calibrant.diagnose.doctor.significance import confidence
 from calibrant.errors import RefusedError
 from calibrant.formats.poses.notations import PoseNotation

@@ -133,7 +133,7 @@ def diagnose(data: PairedData, request: Request) -> Diagnosis:
 def _seen(data: PairedData, request: Request) -> tuple[Observations, Camera]:
     """The observations without points that do not belong, and the camera that saw them."""
     from calibrant.calibrate.cell.views import MINIMUM_POINTS
-    from calibrant.calibrate.intrinsics.calibrate import calibrate_keeping
+    from calibrant.calibrate.intrinsics.one_model import calibrate_keeping
 
     observations = data.observations
     if observations is None or not any(len(v) >= MINIMUM_POINTS for v in observations.views):

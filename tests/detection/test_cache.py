@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from calibrant.data import Observations
+from calibrant.detection import cache as cache_module
 from calibrant.detection import detect, pipeline
+from calibrant.detection.cache import Cache, key_of
 from calibrant.detection.detection import Detection
-from calibrant.detection.images import cache as cache_module
-from calibrant.detection.images.cache import Cache, key_of
 from calibrant.errors import InputError
 from calibrant.targets.registry import parse_target
 

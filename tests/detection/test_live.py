@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from calibrant.detection.detection import Detection
-from calibrant.detection.images.live import Frame, Session, frames_from, view_numbers
+from calibrant.detection.live import Frame, Session, frames_from, view_numbers
 from calibrant.errors import InputError
 from calibrant.targets.chessboard import Chessboard
 

@@ -70,11 +70,10 @@ def capture(
 
 
 def _run(source: str, spec: str, to: Path | None, goal_px: float, model: str, *, say: bool) -> CalibrationResult:
-    import cv2
-
     from calibrant.data import Observations, View
     from calibrant.detection.live import Session, frames_from
     from calibrant.detection.registry import detector_for
+    from calibrant.opencv import cv2
     from calibrant.targets.registry import parse_target
 
     board = parse_target(spec)

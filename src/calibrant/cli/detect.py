@@ -151,10 +151,9 @@ def _pictures(found: Observations, folder: Path) -> dict[Path, View]:
 
 
 def _drawn(view: View, *, mirror_x: bool) -> bytes:
-    import cv2
-
     from calibrant.detection.images.images import load_grey
     from calibrant.detection.images.overlay import draw
+    from calibrant.opencv import cv2
 
     image = load_grey(view.file or view.id)
     return bytes(cv2.imencode(".png", draw(image[:, ::-1] if mirror_x else image, view))[1])

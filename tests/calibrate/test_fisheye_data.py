@@ -14,6 +14,7 @@ from calibrant.calibrate.intrinsics.model_choice import calibrate_auto
 from calibrant.calibrate.pose.target_poses import target_poses
 from calibrant.cameras import Camera
 from calibrant.data import Observations
+from calibrant.data.details import ModelChoice
 from calibrant.errors import RefusedError
 
 
@@ -78,4 +79,4 @@ def test_auto_takes_a_model_that_fits(parts: tuple[Observations, Observations]) 
     assert result.held_out.px is not None
     assert result.held_out.px <= 0.50
     assert "held-out views" in result.check("model-choice").message
-    assert {c["model"] for c in result.options["model_choice"]} >= {"kannala_brandt", "unified"}
+    assert {c.model for c in result.detail(ModelChoice).candidates} >= {"kannala_brandt", "unified"}

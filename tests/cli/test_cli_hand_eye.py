@@ -82,7 +82,7 @@ def test_a_known_camera_is_used(calibrant, cell, found: Path, tmp_path: Path, at
     camera = tmp_path / "camera.json"
     assert calibrant("intrinsics", "--observations", found, "--out", camera, "-q").status == 0
     result = json.loads(attempt(rows, "--camera", camera, "--json").out)
-    assert result["options"]["camera"] == "given with its covariance, refined jointly"
+    assert result["decided"]["camera"] == "given with its covariance, refined jointly"
     assert str(camera) in {i["file"] for i in result["inputs"]}
 
 

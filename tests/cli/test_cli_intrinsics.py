@@ -66,7 +66,7 @@ def test_a_second_camera_in_the_folder_keeps_the_first_ones_opencv_file(calibran
 def test_json_alone_on_standard_output(calibrant, found: Path) -> None:
     outcome = calibrant("intrinsics", "--observations", found, "--json")
     assert (outcome.status, outcome.err) == (0, "")
-    assert json.loads(outcome.out)["format"] == "calibrant/1"
+    assert json.loads(outcome.out)["format"] == "calibrant/2"
 
 
 def test_quiet_says_nothing(calibrant, found: Path) -> None:

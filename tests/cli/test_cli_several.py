@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 import calibrant as cb
+from calibrant.data.details import RobotParameters
+from calibrant.data.typed_json import as_json
 from calibrant.geometry import se3, so3
 from calibrant.robots.arms import arm
 from calibrant.robots.inverse import solve_inverse
@@ -103,7 +105,7 @@ def test_free_joints_from_joint_values(calibrant, pair: Pair, cell, tmp_path: Pa
         "--target", TARGET, "--robot", "ur10e", "--identify", "offsets", "--out", out, "-q",
     )  # fmt: skip
     assert (outcome.status, outcome.err) == (0, "")
-    rows = {r["name"]: r for r in cb.read(out).options["parameters"]["robot"]}
+    rows = {p.name: as_json(p) for p in cb.read(out).detail(RobotParameters).robots["robot"]}
     for name, truth in zip(("shoulder_lift", "elbow", "wrist_1", "wrist_2"), OFFSETS_DEG[1:5]):
         row = rows[f"{name} offset"]
         assert abs(row["correction"] - np.deg2rad(truth)) < 4 * row["sigma"]

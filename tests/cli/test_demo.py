@@ -54,7 +54,7 @@ def test_again_with_fewer_views_leaves_no_old_picture(
     folder, _ = finished
     result = run("--seed", 6, "--views", "6", "--setup", "eye-to-hand", "--out", folder, "--json")
     data = json.loads(result.stdout)
-    assert data["format"] == "calibrant/1"
+    assert data["format"] == "calibrant/2"
     assert data["transforms"][0]["parent"] == "base"
     truth = data["truth"]
     assert truth["inside"] == (truth["normalised_error"] <= truth["limit"])

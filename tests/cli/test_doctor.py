@@ -58,7 +58,7 @@ def test_faults_are_named_and_the_status_is_1(
     assert "proposed: number its corners from the other end" in text.out
     assert text.err.startswith("calibrant: the data are not fit for calibration: poses-shifted")
     assert "--apply" in text.err
-    found = json.loads(out.read_text())["options"]["findings"]
+    found = json.loads(out.read_text())["details"]["faults"]["found"]
     assert [f["name"] for f in found] == ["poses-shifted", "board-flipped"]
     assert found[1]["views"] == ["4.png"]
     assert found[1]["loop_before"]["mm"] > 10 > found[1]["loop_after"]["mm"]

@@ -57,7 +57,7 @@ def test_a_worn_arm_is_corrected(session: tuple[Path, SimulatedArm], capsys: pyt
     result = json.loads(out["result.json"].read_text())
     assert result["kind"] == "kinematics"
     page = out["report.html"].read_text()
-    elbow = next(p for p in result["options"]["parameters"] if p["name"] == "elbow offset")
+    elbow = next(p for p in result["details"]["robot_parameters"]["robots"]["robot"] if p["name"] == "elbow offset")
     row = page[page.index("elbow offset") :].split("</tr>")[0]
     assert f">{np.rad2deg(elbow['correction']):.4f}<" in row
     assert "40 of 40 measurements used" in page
@@ -82,13 +82,13 @@ def test_a_positioner_needs_no_robot_file(
     report = tmp_path / "report.html"
     assert run(["kinematics", "-m", str(data), "--json", "--report", str(report)]) == 0
     result = json.loads(capsys.readouterr().out)
-    first = result["options"]["axes"][0]
+    first = result["details"]["joint_axes"]["axes"][0]
     row = report.read_text().split("target_joints_1</th>")[1].split("</tr>")[0]
     assert ", ".join(f"{v:.6f}" for v in first["direction"]) in row
     assert f">{first['sigma_point_mm']:.3f}<" in row
-    assert result["options"]["rms_after"]["mm"] <= 0.41
-    assert result["options"]["rms_after"]["deg"] <= 0.055
-    assert [axis["kind"] for axis in result["options"]["axes"]] == ["revolute", "revolute"]
+    assert result["figures"]["rms_after_mm"]["value"] <= 0.41
+    assert result["figures"]["rms_after_deg"]["value"] <= 0.055
+    assert [axis["kind"] for axis in result["details"]["joint_axes"]["axes"]] == ["revolute", "revolute"]
 
 
 @pytest.mark.parametrize(

@@ -43,9 +43,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_offset_comes_out(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     given = ["--poses", str(folder / "robot.csv"), "--target-poses", str(folder / "camera.csv")]
     assert run(["time-offset", *given, "--json"]) == 0
-    options = json.loads(capsys.readouterr().out)["options"]
-    assert abs(options["offset_s"] - 0.08) < 4 * options["offset_sigma_s"]
-    assert options["offset_sigma_s"] < 1e-3
+    offset = json.loads(capsys.readouterr().out)["figures"]["offset"]
+    assert abs(offset["value"] - 0.08) < 4 * offset["sigma"]
+    assert offset["sigma"] < 1e-3
+    assert offset["unit"] == "s"
     assert run(["time-offset", *given]) == 0
     text = " ".join(capsys.readouterr().out.split())
     assert "t_robot = t_camera + " in text

@@ -96,8 +96,8 @@ def test_json_and_a_camera_of_another_file(calibrant, cell, camera_file, tmp_pat
     data = json.loads(outcome.out)
     assert data["cameras"]["camera"]["parameters"] == to.parameters
     assert data["options"]["to"] == str(other)
-    assert data["options"]["without_source"] == 0
-    assert data["options"]["valid_region"] == [0, 0, 200, 160]
+    assert data["figures"]["without_source"]["value"] == 0
+    assert data["details"]["valid_region"] == {"x": 0, "y": 0, "width": 200, "height": 160}
     assert cv2.imread(str(tmp_path / "o" / "00.png"), -1).shape[:2] == (160, 200)
 
 

@@ -55,6 +55,9 @@ HOME = {
 ROOT_NAMES: set[str] = set()
 """What a package may import from `calibrant` itself, whose other names are the public API of all floors."""
 
+UPWARD = {("data/results.py", "calibrant.reports.speech")}
+"""The one import that runs up, inside a method: a result prints itself."""
+
 LAZY = ("numba", "cv2", "scipy.optimize", "matplotlib", "mujoco", "rich", "jinja2", "pydantic")
 
 FILES = sorted(PACKAGE.rglob("*.py"))
@@ -109,6 +112,8 @@ def violations(source: str, file: Path) -> list[str]:
         top, _, rest = name.partition(".")
         where = f"{file.relative_to(PACKAGE)}:{line} imports {name}"
         if top == "calibrant":
+            if (file.relative_to(PACKAGE).as_posix(), name) in UPWARD:
+                continue
             other = rest.split(".")[0]
             if other not in FLOOR and other not in ROOT_NAMES:
                 found.append(f"{where}: import it from the package that defines it")
@@ -156,6 +161,7 @@ def test_imports_go_down(file: Path) -> None:
         ("detection/x.py", "import cv2"),
         ("data/x.py", "from calibrant.opencv import cv2"),
         ("errors.py", "from calibrant.geometry import so3"),
+        ("data/poses.py", "import_module('calibrant.reports.speech')"),
         ("helpers/x.py", "import os"),
     ],
 )
@@ -167,6 +173,7 @@ def test_a_wrong_import_is_seen(file: str, source: str) -> None:
     ("file", "source"),
     [
         ("geometry/x.py", "import json\nfrom scipy import linalg\nfrom calibrant.errors import InputError"),
+        ("data/results.py", "def f():\n    import_module('calibrant.reports.speech')"),
         ("data/x.py", "from calibrant.version import __version__\nfrom . import observations"),
         ("detection/x.py", "from calibrant.opencv import cv2\nfrom calibrant.targets import Target"),
         ("simulate/x.py", "def f():\n    import mujoco"),

@@ -14,21 +14,61 @@ import pytest
 from calibrant.cameras import Camera
 from calibrant.data import (
     CalibrationResult,
+    CellLayout,
     Check,
     HeldOut,
     Measured,
     MethodResult,
     Missed,
     Observations,
+    PictureList,
     RobotPoses,
     SigmaRobot,
     TransformEstimate,
     View,
     ViewResult,
 )
+from calibrant.data.details import (
+    DETAILS,
+    Deviations,
+    Fault,
+    Faults,
+    JointAxes,
+    JointAxis,
+    LoopSpread,
+    ModelCandidate,
+    ModelChoice,
+    PictureRegion,
+    RobotParameter,
+    RobotParameters,
+    TouchedPoint,
+    ViewDeviation,
+)
 from calibrant.data.result_file import read_observations, read_result, write_observations, write_result
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
+
+
+def details() -> tuple[object, ...]:
+    """A record of every class that is registered."""
+    return (
+        RobotParameters(
+            {"a": (RobotParameter("q1", "rad", 0.1 + 0.2, 1 / 3), RobotParameter("q2", "m", 0.0, None, "no"))}
+        ),
+        JointAxes((JointAxis("q1", "revolute", (0.0, 0.0, 1.0), (1 / 3, 0.0, 0.1), 0.01, None),)),
+        ModelChoice((ModelCandidate("brown", 9, 0.1, 0.2, -1.5), ModelCandidate("tilted", 0, reason="no"))),
+        Faults(
+            (
+                Fault(
+                    "flip", "warn", "σ", 0.9, LoopSpread(1.5, 0.1), LoopSpread(0.1, 1 / 3), 1.0, None, ("0",), "turn"
+                ),
+                Fault("size", "fail", "big", 1.0),
+            )
+        ),
+        Deviations((ViewDeviation("0", 1 / 3, 0.1, 0.1, 0.2), ViewDeviation("1"))),
+        TouchedPoint((1 / 3, 2.0, 3.0), {"0": 0.1}),
+        PictureRegion(1, 2, 30, 40),
+    )
 
 
 def full_result() -> CalibrationResult:
@@ -79,6 +119,15 @@ def full_result() -> CalibrationResult:
         target_scale=Measured(1.001, 0.007),
         held_out=HeldOut(mm=1.2, deg=None, px=0.3),
         options={"fix": ["k3"], "max_error_px": 1.0, "seed": 3, "robust": True, "none": None},
+        figures={"offset": Measured(0.1 + 0.2, 1 / 3, "s"), "share": Measured(1 / 7)},
+        decided={"pose_reading": "metres, quaternions x y z w"},
+        cell=CellLayout(
+            (PictureList("left", "a", "hand-to-hand", "board", "b"), PictureList("right", "a", "standing", "board")),
+            {"left": 0.1 + 0.2, "right": 1 / 3},
+            {"a": SigmaRobot(0.1, 0.01, 0.001), "b": SigmaRobot(0.2, 0.02)},
+            {"a": 1 / 700},
+        ),
+        details=details(),
         inputs=({"file": "0.png", "sha256": "ab"},),
         observations=observations,
         robot_poses=RobotPoses(("0", "1", "2"), T, "poses.csv as m"),
@@ -106,6 +155,8 @@ def assert_same(a: Any, b: Any, where: str = "result") -> None:
         assert len(a) == len(b), where
         for i, (x, y) in enumerate(zip(a, b)):
             assert_same(x, y, f"{where}[{i}]")
+    elif isinstance(a, float) and a != a:
+        assert b != b, where
     else:
         assert a == b, where
 
@@ -116,9 +167,13 @@ def test_round_trip_keeps_every_field(tmp_path: Path) -> None:
     assert_same(result, read_result(path))
 
 
+def test_every_record_goes_round() -> None:
+    assert {type(d) for d in details()} == set(DETAILS.values())
+
+
 def test_layout_is_the_documented_one(tmp_path: Path) -> None:
     data = json.loads(write_result(full_result(), tmp_path / "r.json").read_text(encoding="utf-8"))
-    assert data["format"] == "calibrant/1"
+    assert data["format"] == "calibrant/2"
     assert data["cameras"]["left"]["image_size"] == [640, 480]
     assert set(data["transforms"][0]) >= {"parent", "child", "matrix", "sigma_translation_mm", "sigma_rotation_deg"}
     assert data["transforms"][0]["sigma_translation_mm"][0] == pytest.approx(
@@ -192,7 +247,7 @@ def test_a_link_stays_a_link(tmp_path: Path) -> None:
     assert read_result(tmp_path / "real.json").kind == "hand-eye"
 
 
-HEAD = '"format": "calibrant/1", "kind": "x", "version": "1", "created": "t", "verdict": "ok"'
+HEAD = '"format": "calibrant/2", "kind": "x", "version": "1", "created": "t", "verdict": "ok"'
 
 
 @pytest.mark.parametrize(
@@ -201,9 +256,9 @@ HEAD = '"format": "calibrant/1", "kind": "x", "version": "1", "created": "t", "v
         ("{\n oops", r"r\.json:2: not JSON"),
         ("[1]", "not a calibrant file"),
         ('{"kind": "x"}', "key 'format'"),
-        ('{"format": "calibrant/2"}', r"'calibrant/2'.*reads 'calibrant/1'"),
-        ('{"format": "calibrant/1", "kind": "x", "verdict": "ok"}', "no key 'created'"),
-        ('{"format": "calibrant/1", "kind": "x", "verdict": "good"}', "verdict is 'good'"),
+        ('{"format": "calibrant/3"}', r"'calibrant/3'.*reads 'calibrant/2' and 'calibrant/1': update"),
+        ('{"format": "calibrant/2", "kind": "x", "verdict": "ok"}', "no key 'created'"),
+        ('{"format": "calibrant/2", "kind": "x", "verdict": "good"}', "verdict is 'good'"),
         (f'{{{HEAD}, "rms_px": "big"}}', r'rms_px is "big", expected a number'),
         (f'{{{HEAD}, "rms_px": NaN}}', "holds NaN"),
         (f'{{{HEAD}, "transforms": [{{"parent": "a", "child": "b"}}]}}', r"transforms\[0\] has no key 'matrix'"),
@@ -212,6 +267,18 @@ HEAD = '"format": "calibrant/1", "kind": "x", "version": "1", "created": "t", "v
         (f'{{{HEAD}, "cameras": {{"c": {{"model": "brown"}}}}}}', r"cameras\.c has no key 'parameters'"),
         (f'{{{HEAD}, "views": [{{"id": "a", "used": 1, "points": 3}}]}}', "used is 1, expected true or false"),
         (f'{{{HEAD}, "views": [{{"id": "a", "used": true, "points": true}}]}}', "points is true, expected an integer"),
+        (f'{{{HEAD}, "figures": {{"a": {{"sigma": 1}}}}}}', r"figures\.a has no key 'value'"),
+        (f'{{{HEAD}, "figures": {{"a": {{"value": true}}}}}}', r"figures\.a\.value is true, expected a number"),
+        (f'{{{HEAD}, "decided": {{"a": 3}}}}', r"decided\.a is 3, expected text"),
+        (f'{{{HEAD}, "cell": {{"pictures": [{{"camera": "a"}}]}}}}', r"cell\.pictures\[0\] has no key 'robot'"),
+        (f'{{{HEAD}, "details": {{"x": {{}}}}}}', "details has the key 'x'; expected: robot_parameters"),
+        (f'{{{HEAD}, "details": {{"joint_axes": {{"axes": 3}}}}}}', r"joint_axes\.axes is 3, expected a list"),
+        (f'{{{HEAD}, "details": {{"faults": {{"found": [], "b": 1}}}}}}', "faults has the key 'b'; expected: found"),
+        (f'{{{HEAD}, "details": {{"valid_region": {{"x": 0.5}}}}}}', "valid_region has no key 'y'"),
+        (
+            f'{{{HEAD}, "details": {{"touched_point": {{"point_mm": [1, 2], "off_mm": {{}}}}}}}}',
+            r"\[1, 2\], expected 3",
+        ),
     ],
 )
 def test_what_is_not_a_result_is_said(tmp_path: Path, text: str, message: str) -> None:

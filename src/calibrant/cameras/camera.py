@@ -12,6 +12,9 @@ from calibrant.cameras.model import REQUIRED, Array, CameraModel
 from calibrant.cameras.registry import camera_model
 from calibrant.errors import InputError
 
+_SHOWN = 9
+"""Parameters in a repr: all of the common models; a splined one has hundreds."""
+
 
 @dataclass(frozen=True, eq=False)
 class Camera:
@@ -77,6 +80,14 @@ class Camera:
         values = np.array([float(parameters.get(n, kind.neutral.get(n, 0.0))) for n in kind.parameter_names])
         cov = None if covariance is None else np.asarray(covariance, dtype=np.float64)
         return cls(kind, image_size, values, cov)
+
+    def __repr__(self) -> str:
+        width, height = self.image_size
+        shown = ", ".join(f"{n} {v:.6g}" for n, v in list(self.parameters.items())[:_SHOWN])
+        more = len(self.values) - _SHOWN
+        rest = f", {more} more" if more > 0 else ""
+        known = "" if self.covariance is None else ", with covariance"
+        return f"Camera({self.model.name}, {width} × {height} px: {shown}{rest}{known})"
 
     @property
     def parameters(self) -> dict[str, float]:

@@ -89,7 +89,7 @@ def _result(found: TimeOffset, setup: str, read: str, inputs: tuple[dict[str, st
     import numpy as np
 
     from calibrant.calibrate.clocks.offset import LOOP_ROTATION, LOOP_TRANSLATION
-    from calibrant.data import CalibrationResult, Check, verdict_of
+    from calibrant.data import CalibrationResult, Check, Measured, verdict_of
     from calibrant.data.verdicts import stamp
 
     ms, sigma = 1e3 * found.offset, 1e3 * found.sigma
@@ -122,7 +122,9 @@ def _result(found: TimeOffset, setup: str, read: str, inputs: tuple[dict[str, st
             verdict=verdict_of(checks),
             checks=checks,
             transforms=(found.camera, found.target),
-            options={"setup": setup, "offset_s": found.offset, "offset_sigma_s": found.sigma},
+            options={"setup": setup},
+            figures={"offset": Measured(found.offset, found.sigma, "s")},
+            decided={"pose_reading": read},
             inputs=inputs,
         )
     )

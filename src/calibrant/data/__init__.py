@@ -1,5 +1,8 @@
 """Floor 2: observations, robot poses and results: frozen, checked once at construction."""
 
+from calibrant.data.cell_layout import CellLayout as CellLayout
+from calibrant.data.cell_layout import PictureList as PictureList
+from calibrant.data.cell_layout import SigmaRobot as SigmaRobot
 from calibrant.data.observations import DEFAULT_CAMERA as DEFAULT_CAMERA
 from calibrant.data.observations import Missed as Missed
 from calibrant.data.observations import Observations as Observations
@@ -11,7 +14,6 @@ from calibrant.data.results import HeldOut as HeldOut
 from calibrant.data.results import JointCovariance as JointCovariance
 from calibrant.data.results import Measured as Measured
 from calibrant.data.results import MethodResult as MethodResult
-from calibrant.data.results import SigmaRobot as SigmaRobot
 from calibrant.data.results import TransformEstimate as TransformEstimate
 from calibrant.data.results import ViewResult as ViewResult
 from calibrant.data.results import as_transform as as_transform

@@ -61,6 +61,10 @@ class View:
     def __len__(self) -> int:
         return len(self.uv)
 
+    def __repr__(self) -> str:
+        of = "" if self.camera == DEFAULT_CAMERA else f" of {self.camera}"
+        return f"View({self.id!r}{of}, {len(self)} points)"
+
     def subset(self, keep: NDArray[np.bool_]) -> View:
         """The view with the points where keep (n,) is true."""
         sigma = None if self.sigma_px is None else self.sigma_px[keep]
@@ -139,6 +143,13 @@ class Observations:
             tuple(m for m in self.missed if m.camera == camera),
             self.notes,
         )
+
+    def __repr__(self) -> str:
+        cameras = ", ".join(f"{name} {w} × {h} px" for name, (w, h) in self.image_sizes.items())
+        target = "" if self.target is None else f", {self.target}"
+        missed = f", {len(self.missed)} missed" if self.missed else ""
+        points = sum(map(len, self.views))
+        return f"Observations({len(self.views)} views, {points} points{missed}; {cameras}{target})"
 
     def only(self, ids: Iterable[str]) -> Observations:
         """Only the views with these ids, in their own order."""

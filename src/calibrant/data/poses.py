@@ -45,6 +45,10 @@ class RobotPoses:
     def __len__(self) -> int:
         return len(self.ids)
 
+    def __repr__(self) -> str:
+        source = f", {self.source}" if self.source else ""
+        return f"RobotPoses({len(self)} poses{source})"
+
     def only(self, ids: Iterable[str]) -> RobotPoses:
         """The poses of these ids, in the order asked. Raises: InputError naming an id that is not there."""
         index = {name: i for i, name in enumerate(self.ids)}

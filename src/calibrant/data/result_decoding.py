@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
 from calibrant.cameras import Camera
+from calibrant.data.cell_layout import CellLayout
+from calibrant.data.details import DETAILS
+from calibrant.data.format_one import FORMAT_ONE, from_format_one
 from calibrant.data.observations import DEFAULT_CAMERA, Array, Missed, Observations, View
 from calibrant.data.poses import RobotPoses
-from calibrant.data.result_encoding import FORMAT, Json
+from calibrant.data.result_encoding import FORMAT
 from calibrant.data.results import (
     CalibrationResult,
     Check,
@@ -23,6 +26,7 @@ from calibrant.data.results import (
     TransformEstimate,
     ViewResult,
 )
+from calibrant.data.typed_json import Json, from_json
 from calibrant.errors import InputError
 from calibrant.version import __version__
 
@@ -98,14 +102,18 @@ def _named(data: Json, key: str, decode: Callable[[Json, str], T]) -> dict[str, 
 def decode(data: Any) -> CalibrationResult:
     if not isinstance(data, dict) or "format" not in data:
         raise InputError(f"not a calibrant file: expected a JSON object with the key 'format', {FORMAT!r}")
-    if data["format"] != FORMAT:
+    if data["format"] == FORMAT_ONE:
+        data = from_format_one(data)
+    elif data["format"] != FORMAT:
         raise InputError(
-            f"the format is {data['format']!r}; this version ({__version__}) reads {FORMAT!r}: update calibrant"
+            f"the format is {data['format']!r}; this version ({__version__}) reads {FORMAT!r} and {FORMAT_ONE!r}: "
+            "update calibrant"
         )
     verdict = _get(data, "verdict", str, "file")
     if verdict not in ("ok", "warn", "refused"):
         raise InputError(f"file.verdict is {verdict!r}, expected 'ok', 'warn' or 'refused'")
     robot, scale, held = (_maybe(data, key, dict, "file") for key in ("sigma_robot", "target_scale", "held_out"))
+    cell = _maybe(data, "cell", dict, "file")
     poses, seen, joint = (_maybe(data, k, dict, "file") for k in ("robot_poses", "observations", "joint_covariance"))
     return CalibrationResult(
         kind=_get(data, "kind", str, "file"),
@@ -119,14 +127,16 @@ def decode(data: Any) -> CalibrationResult:
         sigma_robot=None if robot is None else _decode_sigma_robot(robot),
         views=_records(data, "views", _decode_view),
         methods=_named(data, "methods", _decode_method),
-        target_scale=None
-        if scale is None
-        else Measured(*(_number(scale, k, "target_scale") for k in ("value", "sigma"))),
+        target_scale=None if scale is None else from_json(Measured, scale, "target_scale"),
         target_shape=_maybe(data, "target_shape", dict, "file"),
         held_out=None
         if held is None
         else HeldOut(**{k: _maybe_number(held, k, "held_out") for k in ("mm", "deg", "px")}),
         options=_maybe(data, "options", dict, "file") or {},
+        figures=from_json(Mapping[str, Measured], _maybe(data, "figures", dict, "file") or {}, "figures"),
+        decided=from_json(Mapping[str, str], _maybe(data, "decided", dict, "file") or {}, "decided"),
+        cell=None if cell is None else from_json(CellLayout, cell, "cell"),
+        details=_decode_details(_maybe(data, "details", dict, "file") or {}),
         inputs=tuple(_maybe(data, "inputs", list, "file") or ()),
         observations=None if seen is None else _decode_observations(seen),
         robot_poses=None if poses is None else _decode_poses(poses),
@@ -134,6 +144,13 @@ def decode(data: Any) -> CalibrationResult:
         created=_get(data, "created", str, "file"),
         version=_get(data, "version", str, "file"),
     )
+
+
+def _decode_details(data: Json) -> tuple[Any, ...]:
+    unknown = [name for name in data if name not in DETAILS]
+    if unknown:
+        raise InputError(f"details has the key {unknown[0]!r}; expected: {', '.join(DETAILS)}")
+    return tuple(from_json(DETAILS[name], record, f"details.{name}") for name, record in data.items())
 
 
 def _decode_camera(data: Json, where: str) -> Camera:

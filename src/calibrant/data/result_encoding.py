@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 
 from calibrant.cameras import Camera
+from calibrant.data.details import DETAILS
 from calibrant.data.observations import Observations
 from calibrant.data.poses import RobotPoses
 from calibrant.data.results import CalibrationResult, Check, MethodResult, TransformEstimate, ViewResult
+from calibrant.data.typed_json import Json, as_json
 from calibrant.errors import InputError
 from calibrant.version import __version__
 
-FORMAT = "calibrant/1"
-
-Json = dict[str, Any]
+FORMAT = "calibrant/2"
 
 
 def encode(result: CalibrationResult) -> Json:
@@ -39,7 +39,11 @@ def encode(result: CalibrationResult) -> Json:
             "sigma_px": result.sigma_px,
             "sigma_robot": None if result.sigma_robot is None else _present(vars(result.sigma_robot)),
             "target_shape": result.target_shape,
-            "target_scale": None if result.target_scale is None else dict(vars(result.target_scale)),
+            "target_scale": None if result.target_scale is None else as_json(result.target_scale),
+            "figures": as_json(result.figures) or None,
+            "decided": dict(result.decided) or None,
+            "cell": None if result.cell is None else as_json(result.cell),
+            "details": {_detail_name(d): as_json(d) for d in result.details} or None,
             "held_out": None if result.held_out is None else _present(vars(result.held_out)),
             "checks": [_encode_check(c) for c in result.checks] or None,
             "methods": {name: _encode_method(m) for name, m in result.methods.items()} or None,
@@ -51,6 +55,14 @@ def encode(result: CalibrationResult) -> Json:
             "observations": None if result.observations is None else _encode_observations(result.observations),
         }
     )
+
+
+def _detail_name(record: object) -> str:
+    """The key of a record. Raises: InputError for one that is not registered."""
+    for name, kind in DETAILS.items():
+        if type(record) is kind:
+            return name
+    raise InputError(f"a result keeps records of calibrant.data.details; got a {type(record).__name__}")
 
 
 def _present(data: Mapping[str, Any]) -> Json:

@@ -1,4 +1,4 @@
-"""The result file: JSON, format calibrant/1, written whole or not at all and read back without loss.
+"""The result file: JSON, format calibrant/2, written whole or not at all and read back without loss.
 
 `docs/file-formats.md` lists the keys. Keys that do not apply are absent. Numbers are written so that reading gives the
 same double; NaN and infinity are never written. An observations file is a result of kind "observations".
@@ -29,7 +29,7 @@ def write_result(result: CalibrationResult, path: str | Path, *, force: bool = F
 
 
 def result_text(result: CalibrationResult) -> str:
-    """The result as JSON text of format calibrant/1. Raises: InputError when a number is not finite."""
+    """The result as JSON text of format calibrant/2. Raises: InputError when a number is not finite."""
     return format_json(encode(result))
 
 

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from importlib import import_module
+from math import nan
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calibrant.cameras import Camera
+from calibrant.data.cell_layout import CellLayout
+from calibrant.data.cell_layout import SigmaRobot as SigmaRobot
 from calibrant.data.observations import Observations
 from calibrant.data.poses import RobotPoses
 from calibrant.errors import InputError
@@ -18,6 +22,7 @@ from calibrant.errors import InputError
 Array = NDArray[np.float64]
 Status = Literal["ok", "warn", "fail"]
 Verdict = Literal["ok", "warn", "refused"]
+D = TypeVar("D")
 
 
 @dataclass(frozen=True)
@@ -43,6 +48,11 @@ class ViewResult:
     points_left_out: int = 0
     T_camera_target: Array | None = None
 
+    def __repr__(self) -> str:
+        rms = "" if self.rms_px is None else f", {self.rms_px:.3f} px"
+        words = "" if self.reason is None else f", {self.reason}"
+        return f"ViewResult({self.id!r}, {'used' if self.used else 'left out'}, {self.points} points{rms}{words})"
+
 
 @dataclass(frozen=True, eq=False)
 class TransformEstimate:
@@ -66,6 +76,12 @@ class TransformEstimate:
         """1 sigma of the rotation about the parent's x, y, z, degrees."""
         return None if self.covariance is None else np.rad2deg(np.sqrt(np.diag(self.covariance)[:3]))
 
+    def __repr__(self) -> str:
+        place = ", ".join(f"{1e3 * v:.3f}" for v in self.matrix[:3, 3])
+        sigma = self.sigma_translation_mm
+        known = "" if sigma is None else f", ± {sigma.max():.2g} mm (1σ, worst axis)"
+        return f"TransformEstimate({self.parent} → {self.child}: [{place}] mm{known})"
+
 
 @dataclass(frozen=True, eq=False)
 class JointCovariance:
@@ -85,15 +101,8 @@ class JointCovariance:
                 f"{len(self.frames)} transforms need a ({size}, {size}) matrix, got {np.shape(self.matrix)}"
             )
 
-
-@dataclass(frozen=True)
-class SigmaRobot:
-    """Noise of the robot's poses, 1 sigma per axis, estimated from the data, with the sigma of the estimate."""
-
-    mm: float
-    deg: float
-    mm_sigma: float | None = None
-    deg_sigma: float | None = None
+    def __repr__(self) -> str:
+        return f"JointCovariance({', '.join(f'{parent} → {child}' for parent, child in self.frames)})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,13 +117,19 @@ class MethodResult:
     loop_rms_deg: float | None
     message: str = ""
 
+    def __repr__(self) -> str:
+        if self.loop_rms_mm is None or self.loop_rms_deg is None:
+            return f"MethodResult({self.message or 'no answer'})"
+        return f"MethodResult(loop {self.loop_rms_mm:.3g} mm, {self.loop_rms_deg:.3g} deg rms)"
+
 
 @dataclass(frozen=True)
 class Measured:
-    """A number with its 1 sigma."""
+    """A number with its 1 sigma, NaN where that is not known (absent in the file), and its unit, empty for a ratio."""
 
     value: float
-    sigma: float
+    sigma: float = nan
+    unit: str = ""
 
 
 @dataclass(frozen=True)
@@ -131,6 +146,14 @@ class CalibrationResult:
     """A calibration, complete: any diagnosis can be made later from it alone.
 
     rms_px is per point over both axes, as OpenCV's; sigma_px is the noise per axis, estimated from the residuals.
+    `print(result)` says the answer in ten lines, `summary()` all that the command line shows; a notebook shows a page.
+
+        >>> from calibrant.data import CalibrationResult, Measured
+        >>> found = CalibrationResult("time-offset", "ok", figures={"offset": Measured(0.0801, 0.0002, "s")})
+        >>> found.figures["offset"].value
+        0.0801
+        >>> found
+        CalibrationResult('time-offset', 'ok', 1 figure)
     """
 
     kind: str
@@ -150,6 +173,15 @@ class CalibrationResult:
     """Figures of a target whose shape was estimated, millimetres; None when it was taken as flat."""
     held_out: HeldOut | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
+    """What was asked, and nothing that was found."""
+    figures: Mapping[str, Measured] = field(default_factory=dict)
+    """Single numbers that were found, beside those that have a field of their own."""
+    decided: Mapping[str, str] = field(default_factory=dict)
+    """What was chosen where the request left it open, in words: how the poses were read, where the camera is from."""
+    cell: CellLayout | None = None
+    """Who stands where, where there are several cameras, robots or lists of pictures."""
+    details: tuple[Any, ...] = ()
+    """Records of `calibrant.data.details`, at most one of a class; `detail` gives one by its class."""
     inputs: tuple[Mapping[str, str], ...] = ()
     observations: Observations | None = None
     robot_poses: RobotPoses | None = None
@@ -182,14 +214,55 @@ class CalibrationResult:
                 return c
         raise InputError(f"the result has no check {name!r}; it has: {', '.join(c.name for c in self.checks)}")
 
+    def detail(self, kind: type[D]) -> D | None:
+        """The record of that class, None where the result has none: `result.detail(JointAxes)`."""
+        return next((d for d in self.details if isinstance(d, kind)), None)
+
+    def with_detail(self, record: object) -> CalibrationResult:
+        """The result with the record in place of the one of its class."""
+        others = tuple(d for d in self.details if type(d) is not type(record))
+        return replace(self, details=(*others, record))
+
+    def __repr__(self) -> str:
+        counts = (
+            (len(self.cameras), "camera"),
+            (len(self.transforms), "transform"),
+            (len(self.figures), "figure"),
+            (len(self.views), "view"),
+            (len(self.checks), "check"),
+        )
+        parts = [f"{n} {noun}{'s' * (n > 1)}" for n, noun in counts if n]
+        return f"CalibrationResult({', '.join([repr(self.kind), repr(self.verdict), *parts])})"
+
+    def __str__(self) -> str:
+        """The answer in some ten lines: what it is, the verdict, the figures that count, the checks that warn."""
+        return spoken("brief")(self)
+
+    def summary(self) -> str:
+        """What the command line shows after a calibration, as plain text of 80 columns."""
+        return spoken("summary")(self)
+
+    def _repr_html_(self) -> str:
+        """The answer for a notebook."""
+        return spoken("notebook")(self)
+
     def write(self, path: str | Path, *, force: bool = True) -> Path:
-        """Write the result file (JSON, format calibrant/1), whole or not at all.
+        """Write the result file (JSON, format calibrant/2), whole or not at all.
 
         Raises: InputError when the path cannot be written, or exists and `force` is False.
         """
         from calibrant.data.result_file import write_result
 
         return write_result(self, Path(path), force=force)
+
+
+def spoken(form: str) -> Callable[[CalibrationResult], str]:
+    """How a result is told: "brief", "summary" or "notebook", by `calibrant.reports.speech`.
+
+    It is the one import of the house that runs up: a result speaks for itself, and only then is the report loaded.
+    """
+    speech: Callable[[CalibrationResult], str] = getattr(import_module("calibrant.reports.speech"), form)
+    return speech
 
 
 def verdict_of(checks: tuple[Check, ...]) -> Verdict:

@@ -142,9 +142,10 @@ def rows_name(result: CalibrationResult) -> str:
 def noise_facts(result: CalibrationResult) -> list[Fact]:
     """Residuals, estimated noise, target scale and held-out errors, as far as the result has them."""
     facts: list[Fact] = []
-    if "offset_s" in result.options and "offset_sigma_s" in result.options:
-        ms, sigma = (1e3 * float(result.options[key]) for key in ("offset_s", "offset_sigma_s"))
-        facts.append(Fact("clock offset", f"{with_sigma(ms, sigma)} ms", "t_robot = t_camera + offset"))
+    offset = result.figures.get("offset")
+    if offset is not None:
+        text = f"{with_sigma(1e3 * offset.value, 1e3 * offset.sigma)} ms"
+        facts.append(Fact("clock offset", text, "t_robot = t_camera + offset"))
     if result.rms_px is not None:
         facts.append(Fact("RMS error", f"{plain(result.rms_px, digits=3)} px", "per point, both axes"))
     if result.sigma_px is not None:

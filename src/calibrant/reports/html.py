@@ -12,17 +12,12 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from calibrant.calibrate.cell.stated import PICTURES
 from calibrant.cameras import Camera
 from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Check, TransformEstimate
 from calibrant.data.result_file import write_text
 from calibrant.diagnose.coverage import CameraCoverage, camera_coverage
 from calibrant.diagnose.residuals import fitted_poses, view_residuals
 from calibrant.reports.figures import (
-    JOINT,
-    Fact,
-    camera_figures,
-    camera_transforms,
     is_point,
     listed_figures,
     method_rows,
@@ -32,6 +27,7 @@ from calibrant.reports.figures import (
     translation_figures,
     yaw_pitch_roll_figures,
 )
+from calibrant.reports.headline import headline
 from calibrant.reports.loop import LoopView, loop_views
 from calibrant.reports.numbers import Figure, plain, sigma_text
 from calibrant.reports.robot import geometry
@@ -43,10 +39,6 @@ from calibrant.reports.workspace import workspace_blocks
 _PACKAGE = "calibrant.reports"
 _MARKS = {"ok": "✓", "warn": "!", "fail": "✕", "refused": "✕"}
 """A shape beside each status, so that it does not hang on colour."""
-
-
-_OWN_FIGURES = (PICTURES, "parameters", "axes")
-"""Options that are read by programs, or shown elsewhere on the page: lists of dictionaries tell a person nothing."""
 
 
 @dataclass(frozen=True)
@@ -110,51 +102,11 @@ def render_report(result: CalibrationResult, *, images: Mapping[str, Path]) -> s
         has_residuals=any(view["uv"] for view in pages.views),
         has_scene=world is not None,
         picture_remark=pages.remark,
-        options={name: _option_text(value) for name, value in result.options.items() if name not in _OWN_FIGURES},
+        options={name: _option_text(value) for name, value in {**result.options, **result.decided}.items()},
         data=_finite(data),
         style=_asset("report.css"),
         scripts=[_asset("report.js"), _asset("scene.js")],
     )
-
-
-def headline(result: CalibrationResult) -> list[Fact]:
-    """The few figures that answer "how good is it", for the top of the page."""
-    facts = [fact for fact in noise_facts(result) if fact.name == "clock offset"]
-    if result.transforms:
-        for estimate in camera_transforms(result):
-            facts += _transform_facts(estimate)
-    elif result.cameras:
-        camera = next(iter(result.cameras.values()))
-        facts += [
-            Fact(f.name, f.text, "" if f.fixed else "± 1σ")
-            for f in camera_figures(camera)
-            if f.name in ("fx", "fy", "f")
-        ]
-    joint = result.methods.get(JOINT)
-    if joint is not None and joint.loop_rms_mm is not None and joint.loop_rms_deg is not None:
-        text = f"{plain(joint.loop_rms_mm, digits=3)} mm, {plain(joint.loop_rms_deg, digits=3)} deg"
-        facts.append(Fact("loop error, RMS", text, "joint refinement"))
-    wanted = (
-        ("RMS error", "held-out error") if result.transforms else ("RMS error", "pixel noise, 1σ", "held-out error")
-    )
-    facts += [fact for fact in noise_facts(result) if fact.name in wanted]
-    rows = view_rows(result)
-    if rows:
-        facts.append(Fact(f"{rows_name(result)} used", f"{sum(r.used for r in rows)} of {len(rows)}", ""))
-    return facts
-
-
-def _transform_facts(estimate: TransformEstimate) -> list[Fact]:
-    t, turns = estimate.sigma_translation_mm, estimate.sigma_rotation_deg
-    if t is None or turns is None:
-        return []
-    label = f"{estimate.parent} → {estimate.child}"
-    if is_point(estimate):
-        return [Fact(f"{label}, position", f"± {sigma_text(float(t.max()))} mm", "1σ, worst axis")]
-    return [
-        Fact(f"{label}, position", f"± {sigma_text(float(t.max()))} mm", "1σ, worst axis"),
-        Fact(f"{label}, rotation", f"± {sigma_text(float(turns.max()))} deg", "1σ, worst axis"),
-    ]
 
 
 def _camera_block(name: str, camera: Camera) -> dict[str, Any]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calibrant.data import CalibrationResult
+from calibrant.data.details import JointAxes, JointAxis, RobotParameter, RobotParameters
 from calibrant.reports.numbers import Figure, sigma_text, value_text
 
 SHOWN_AS_TRANSFORMS = ("base", "tool")
@@ -35,32 +36,34 @@ class Geometry:
 
 
 def geometry(result: CalibrationResult) -> Geometry | None:
-    """The geometry that a kinematic calibration found, None for results of other kinds."""
-    if result.kind != "kinematics":
+    """The geometry that was found of a robot, None for a result without."""
+    parameters, found = result.detail(RobotParameters), result.detail(JointAxes)
+    if parameters is None:
         return None
-    axes = tuple(_axis(row) for row in result.options.get("axes", ()))
-    rows = [p for p in result.options.get("parameters", ()) if p["group"] not in SHOWN_AS_TRANSFORMS]
+    axes = tuple(_axis(axis) for axis in found.axes) if found is not None else ()
+    several = len(parameters.robots) > 1
+    rows = [
+        replace(p, name=f"{robot}: {p.name}") if several else p
+        for robot, mine in parameters.robots.items()
+        for p in mine
+        if p.group not in SHOWN_AS_TRANSFORMS
+    ]
     # Of a free model the parameters are steps from an arbitrary start: its axes are what they mean.
-    fitted = [] if axes else [p for p in rows if p.get("sigma") is not None]
-    redundant = tuple(p["name"] for p in rows if str(p.get("reason", "")).startswith("redundant"))
-    return Geometry(tuple(_correction(p) for p in fitted), axes, redundant)
+    fitted = () if axes else tuple(_correction(p, p.sigma) for p in rows if p.sigma is not None)
+    redundant = tuple(p.name for p in rows if (p.reason or "").startswith("redundant"))
+    return Geometry(fitted, axes, redundant)
 
 
-def _correction(row: dict[str, object]) -> Figure:
-    unit = str(row["unit"])
-    shown, factor = _SHOWN_UNITS.get(unit, (unit, 1.0))
-    value, sigma = float(str(row["correction"])), float(str(row["sigma"]))
-    return Figure(str(row["name"]), factor * value, factor * sigma, shown)
+def _correction(p: RobotParameter, sigma: float) -> Figure:
+    shown, factor = _SHOWN_UNITS.get(p.unit, (p.unit, 1.0))
+    return Figure(p.name, factor * p.correction, factor * sigma, shown)
 
 
-def _axis(row: dict[str, object]) -> Axis:
-    direction = ", ".join(f"{v:.6f}" for v in np.asarray(row["direction"], np.float64))
-    tilt, shift = (
-        None if row[key] is None else float(str(row[key])) for key in ("sigma_direction_deg", "sigma_point_mm")
-    )
-    point = ", ".join(value_text(1e3 * float(v), shift) for v in np.asarray(row["point"], np.float64))
+def _axis(axis: JointAxis) -> Axis:
+    direction = ", ".join(f"{v:.6f}" for v in axis.direction)
+    point = ", ".join(value_text(1e3 * v, axis.sigma_point_mm) for v in axis.point)
     # A sliding axis has a direction and no place.
-    placed = row["kind"] == "revolute"
+    placed, shift = axis.kind == "revolute", sigma_text(axis.sigma_point_mm)
     return Axis(
-        str(row["joint"]), direction, sigma_text(tilt), point if placed else "–", sigma_text(shift) if placed else "–"
+        axis.joint, direction, sigma_text(axis.sigma_direction_deg), point if placed else "–", shift if placed else "–"
     )

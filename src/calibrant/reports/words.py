@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isfinite
 
 from calibrant.data import CalibrationResult, Check, TransformEstimate, ViewResult
 from calibrant.diagnose.residuals import camera_of
@@ -84,8 +85,9 @@ def verdict_sentence(result: CalibrationResult) -> str:
 def _accuracy(result: CalibrationResult) -> str:
     if result.kind == "vanishing" and result.transforms and result.transforms[0].sigma_rotation_deg is not None:
         return f"The rotation is known to {sigma_text(float(result.transforms[0].sigma_rotation_deg.max()))} deg (1σ)."
-    if result.kind == "time-offset" and "offset_sigma_s" in result.options:
-        return f"The offset is known to {sigma_text(1e3 * float(result.options['offset_sigma_s']))} ms (1σ)."
+    offset = result.figures.get("offset")
+    if offset is not None and isfinite(offset.sigma):
+        return f"The offset is known to {sigma_text(1e3 * offset.sigma)} ms (1σ)."
     if result.kind == "kinematics" and result.held_out is not None and result.held_out.mm is not None:
         return f"Poses kept out of the fit are met to {plain(result.held_out.mm, digits=2)} mm rms."
     if result.kind in ("hand-eye", "pose", "tool", "dynamic", "self-visibility") and result.transforms:

@@ -13,7 +13,7 @@ import yaml
 from calibrant.calibrate.kinematics.compensation import compensate_joints
 from calibrant.calibrate.kinematics.identify import calibrate_kinematics, identified_robot
 from calibrant.calibrate.kinematics.model import Gravity, RobotModel, joint_terms
-from calibrant.calibrate.kinematics.result import as_result, axis_rows
+from calibrant.calibrate.kinematics.result import as_result, joint_axes
 from calibrant.data.joint_measurements import JointMeasurements
 from calibrant.errors import InputError, RefusedError
 from calibrant.formats.robots.read import read_robot
@@ -211,9 +211,13 @@ def test_a_real_positioner_without_any_model(shared_data: Callable[[str], Path])
     assert calibration.after.rms_deg is not None
     assert calibration.after.rms_deg <= 0.055
     assert len(calibration.fitted) == 14
-    for row in axis_rows(calibration):
-        assert row["sigma_direction_deg"] < 0.01
-        assert row["sigma_point_mm"] < 0.1
+    (found,) = joint_axes(calibration)
+    assert len(found.axes) == 2
+    for axis in found.axes:
+        assert axis.sigma_direction_deg is not None
+        assert axis.sigma_direction_deg < 0.01
+        assert axis.sigma_point_mm is not None
+        assert axis.sigma_point_mm < 0.1
     # The maker's drawing of a positioner: two axes that cross at a right angle; within what the axes' sigmas allow.
     first, second = calibration.model.chain.directions  # type: ignore[attr-defined]
     assert abs(np.rad2deg(np.arccos(first @ second)) - 90) < 0.1

@@ -12,6 +12,7 @@ import calibrant as cb
 from calibrant.calibrate.cell.calibrate import calibrate_several
 from calibrant.calibrate.cell.problem.layout import Pictures
 from calibrant.data import CalibrationResult, Observations, RobotPoses
+from calibrant.data.details import RobotParameters
 from calibrant.diagnose.budget.cell import several_budgets
 from calibrant.diagnose.budget.volume import parse_volume
 from calibrant.diagnose.budget.workspace import workspace_of_cameras
@@ -91,7 +92,7 @@ def test_a_workspace_for_every_camera(cell: CalibrationResult) -> None:
 
 def test_free_joints_are_refused_in_words(cell: CalibrationResult) -> None:
     with pytest.raises(InputError, match="not available with --identify"):
-        several_budgets(replace(cell, options={**cell.options, "parameters": {}}), target_sigma=0.0)
+        several_budgets(cell.with_detail(RobotParameters({})), target_sigma=0.0)
 
 
 def test_the_loop_of_every_camera_and_robot_is_drawn(cell: CalibrationResult) -> None:

@@ -122,7 +122,7 @@ def test_the_result_of_the_doctor_says_what_it_found(tmp_path: Path) -> None:
     )
     assert (result.kind, result.verdict) == ("doctor", "warn")
     assert result.check("board-flipped").message.startswith("7.png: the board is numbered from the opposite corner")
-    assert result.options["loop_before"]["mm"] > 10 > result.options["loop_after"]["mm"]
+    assert result.figures["loop_before_mm"].value > 10 > result.figures["loop_after_mm"].value
 
 
 def test_times_are_read_from_names_that_are_time_stamps() -> None:

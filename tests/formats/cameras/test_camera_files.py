@@ -188,7 +188,7 @@ def test_missing_and_binary_files_are_said(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="not a text file"):
         read_camera(tmp_path / "b.yaml")
     (tmp_path / "v.json").write_text(json.dumps({"format": "calibrant/9"}))
-    with pytest.raises(InputError, match=r"'calibrant/9'; this version .* reads 'calibrant/1'"):
+    with pytest.raises(InputError, match=r"'calibrant/9'; this version .* reads 'calibrant/2' and 'calibrant/1'"):
         read_camera(tmp_path / "v.json")
 
 

@@ -32,7 +32,6 @@ from calibrant.calibrate.cell.problem.problem import (
 )
 from calibrant.calibrate.cell.result import several_result
 from calibrant.calibrate.cell.starts.cell import several_start
-from calibrant.calibrate.cell.stated import PICTURES
 from calibrant.calibrate.cell.views import HandEyeViews, from_observations, match_views
 from calibrant.calibrate.intrinsics.one_model import calibrate_keeping
 from calibrant.cameras import Camera
@@ -94,20 +93,12 @@ def calibrate_several(
     left_out = tuple(v for s in seen.values() for v in s.left_out)
     options = {
         "setup": {p.camera: p.setup for p in pictures},
-        PICTURES: [
-            {
-                "camera": p.camera,
-                "robot": p.robot,
-                "setup": p.setup,
-                "target": p.target,
-                **({"other": p.other} if p.other else {}),
-            }
-            for p in where.pictures
-        ],
-        "cameras": {name: "given" if name in known else "calibrated from the same images" for name in where.cameras},
         **({"identify": list(identify)} if free else {}),
     }
-    result = several_result(several, noise, left_out, options)
+    decided = {
+        f"camera {name}": "given" if name in known else "calibrated from the same images" for name in where.cameras
+    }
+    result = replace(several_result(several, noise, left_out, options), decided=decided)
     checks = (*numbering, *result.checks)
     result = stamp(replace(result, checks=checks, verdict=verdict_of(checks)))
     refuse_if_failed(result)

@@ -311,11 +311,8 @@ def _result(
         methods=methods,
         target_scale=None if size is None else size.size,
         held_out=errors.rms,
-        options={
-            "setup": setup.name,
-            "camera": _camera_words(role, camera_given),
-            **({"fix": list(fix)} if fix else {}),
-        },
+        options={"setup": setup.name, **({"fix": list(fix)} if fix else {})},
+        decided={"camera": _camera_words(role, camera_given)},
         observations=observations,
         robot_poses=poses,
         T_camera_target=None if observations is not None else data.B,

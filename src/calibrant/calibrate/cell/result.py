@@ -36,11 +36,13 @@ from calibrant.calibrate.reprojection.outliers import points_reason
 from calibrant.calibrate.solvers.setup import get_setup
 from calibrant.data import (
     CalibrationResult,
+    CellLayout,
     HeldOut,
     JointCovariance,
     Measured,
     MethodResult,
     Observations,
+    PictureList,
     RobotPoses,
     SigmaRobot,
     TransformEstimate,
@@ -48,6 +50,7 @@ from calibrant.data import (
     as_transform,
     verdict_of,
 )
+from calibrant.data.details import RobotParameter, RobotParameters
 from calibrant.geometry import se3
 from calibrant.optimize.levenberg_marquardt import solve
 from calibrant.optimize.noise import NoiseEstimate, NoiseLevel
@@ -86,7 +89,9 @@ def several_result(
         methods=_methods(several, solution),
         target_scale=next(iter(scales.values())) if len(scales) == 1 else None,
         held_out=None if held is None else HeldOut(*held.rms, held.rms_px),
-        options={**options, **_figures(several, noise)},
+        options=options,
+        cell=_cell_layout(several, noise),
+        details=_robot_parameters(several, noise),
         observations=_observations(layout),
         robot_poses=_poses(several, solution),
     )
@@ -293,30 +298,31 @@ def _with_joints(own: NoiseLevel, joint: NoiseLevel | None, variance: float) -> 
     return sigma, float(np.sqrt(sum(known)) / sigma) if known and sigma > 0 else None
 
 
-def _figures(several: Several, noise: NoiseEstimate) -> dict[str, Any]:
-    """Noise by camera and robot, and the robots' own errors: what the one number of a result cannot hold."""
+def _cell_layout(several: Several, noise: NoiseEstimate) -> CellLayout:
+    """Who stands where, and the noise by camera and robot, which the one number of a result cannot hold."""
     layout = several.layout
-    out: dict[str, Any] = {}
-    if len(layout.cameras) > 1:
-        out["sigma_px_of"] = {c: noise.levels[pixel_group(c)].sigma for c in layout.cameras}
-    if len(layout.robots) > 1:
-        robots = {r: _sigma_robot(several, noise, r) for r in layout.robots}
-        out["sigma_robot_of"] = {r: {"mm": s.mm, "deg": s.deg} for r, s in robots.items() if s is not None}
-    if several.free:
-        levels = {r: noise.levels.get(joint_group(r)) for r in several.free}
-        out["sigma_joint_deg"] = {r: float(np.rad2deg(e.sigma)) for r, e in levels.items() if e is not None}
-    for robot, free in several.free.items():
-        rows = [
-            {
-                "name": p.parameter.name,
-                "unit": p.parameter.unit,
-                "correction": p.correction,
-                **({"sigma": p.sigma} if p.sigma is not None else {"reason": p.reason}),
-            }
+    robots = {r: _sigma_robot(several, noise, r) for r in layout.robots} if len(layout.robots) > 1 else {}
+    joints = {r: noise.levels.get(joint_group(r)) for r in several.free}
+    return CellLayout(
+        tuple(PictureList(p.camera, p.robot, p.setup, p.target, p.other) for p in layout.pictures),
+        {c: noise.levels[pixel_group(c)].sigma for c in layout.cameras} if len(layout.cameras) > 1 else {},
+        {r: sigma for r, sigma in robots.items() if sigma is not None},
+        {r: float(np.rad2deg(level.sigma)) for r, level in joints.items() if level is not None},
+    )
+
+
+def _robot_parameters(several: Several, noise: NoiseEstimate) -> tuple[RobotParameters, ...]:
+    """The robots' own errors; nothing where no joints were free."""
+    robots = {
+        robot: tuple(
+            RobotParameter(
+                p.parameter.name, p.parameter.unit, p.correction, p.sigma, p.reason if p.sigma is None else None
+            )
             for p in free.parameters(noise.solution, geometry_variable(robot))
-        ]
-        out.setdefault("parameters", {})[robot] = rows
-    return out
+        )
+        for robot, free in several.free.items()
+    }
+    return (RobotParameters(robots),) if robots else ()
 
 
 def _observations(layout: Layout) -> Observations:

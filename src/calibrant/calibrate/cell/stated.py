@@ -9,9 +9,6 @@ import numpy as np
 from calibrant.calibrate.cell.problem.layout import Layout, Pictures, id_prefix
 from calibrant.data import CalibrationResult, Observations, RobotPoses
 
-PICTURES = "pictures"
-"""The option that lists camera, robot, setup and target of each list of pictures."""
-
 
 def stated_layout(result: CalibrationResult, *, used_only: bool = True) -> Layout | None:
     """The cell's frames and pictures with the views that the calibration used, robot poses as the result holds them.
@@ -19,21 +16,19 @@ def stated_layout(result: CalibrationResult, *, used_only: bool = True) -> Layou
     used_only: False for all views in which a target was found.
     None for a result of one camera and one robot, or one whose file does not hold its pictures.
     """
-    stated = result.options.get(PICTURES)
-    if not isinstance(stated, (list, tuple)) or result.observations is None or result.robot_poses is None:
+    if result.cell is None or result.observations is None or result.robot_poses is None:
         return None
-    lists = [(str(p["camera"]), str(p["robot"])) for p in stated]
-    names = list(dict.fromkeys(r for p in stated for r in (str(p["robot"]), str(p.get("other", ""))) if r))
+    stated = result.cell.pictures
+    lists = [(p.camera, p.robot) for p in stated]
+    names = list(dict.fromkeys(r for p in stated for r in (p.robot, p.other) if r))
     robots = {name: _poses_of(result.robot_poses, name, alone=len(names) == 1) for name in names}
     pictures = []
     for i, p in enumerate(stated):
         seen = _seen_by(result.observations, lists, i, alone=len(names) == 1)
         if used_only:
-            used = {v.id for v in result.views if v.used and v.camera == lists[i][0]}
+            used = {v.id for v in result.views if v.used and v.camera == p.camera}
             seen = replace(seen, views=tuple(v for v in seen.views if v.id in used))
-        pictures.append(
-            Pictures(lists[i][0], str(p["setup"]), seen, lists[i][1], str(p["target"]), str(p.get("other", "")))
-        )
+        pictures.append(Pictures(p.camera, p.setup, seen, p.robot, p.target, p.other))
     return Layout(robots, tuple(pictures))
 
 

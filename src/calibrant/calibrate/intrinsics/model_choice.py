@@ -23,6 +23,7 @@ from calibrant.calibrate.starts import any_lens as camera_start
 from calibrant.calibrate.starts.with_depth import is_flat
 from calibrant.cameras import Camera, camera_model
 from calibrant.data import CalibrationResult, Check, HeldOut, Observations, verdict_of
+from calibrant.data.details import ModelCandidate, ModelChoice
 from calibrant.data.results import Status
 from calibrant.errors import CalibrantError, InputError, RefusedError
 
@@ -59,17 +60,10 @@ class Candidate:
     squares: Array | None = None
     reason: str | None = None
 
-    def figures(self) -> dict[str, object]:
-        """What the result file keeps."""
-        figures = {
-            "model": self.model,
-            "free": self.free,
-            "rms_px": self.rms_px,
-            "held_out_px": self.held_out_px,
-            "bic": self.bic,
-            "reason": self.reason,
-        }
-        return {k: v for k, v in figures.items() if v is not None}
+    @property
+    def record(self) -> ModelCandidate:
+        """What the result keeps."""
+        return ModelCandidate(self.model, self.free, self.rms_px, self.held_out_px, self.bic, self.reason)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,13 +92,13 @@ def calibrate_auto(
         observations, model=choice.model, fix=fix, initial=initial, max_error_px=max_error_px
     ).result
     checks = (*result.checks, choice.check)
-    figures = [c.figures() for c in choice.candidates]
     return replace(
         result,
         checks=checks,
         verdict=verdict_of(checks),
         held_out=HeldOut(px=chosen.held_out_px),
-        options={**result.options, "model_choice": figures},
+        options={**result.options, "model": "auto"},
+        details=(ModelChoice(tuple(c.record for c in choice.candidates)),),
     )
 
 

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.calibrate.kinematics.identify import KinematicCalibration, figure
 from calibrant.calibrate.kinematics.problem import POSITION, ROTATION, ModelErrors
-from calibrant.data import CalibrationResult, Check, HeldOut, SigmaRobot, TransformEstimate, ViewResult, verdict_of
+from calibrant.data import (
+    CalibrationResult,
+    Check,
+    HeldOut,
+    Measured,
+    SigmaRobot,
+    TransformEstimate,
+    ViewResult,
+    verdict_of,
+)
+from calibrant.data.details import JointAxes, JointAxis, RobotParameter, RobotParameters, Triple
 from calibrant.optimize.noise import NoiseLevel
 from calibrant.robots.poe import ProductOfExponentials
 
@@ -21,7 +29,7 @@ unknowns the expected ratio is sqrt((1 + 1/2) / (1 - 1/2)) = 1.7, with five time
 
 
 def as_result(calibration: KinematicCalibration) -> CalibrationResult:
-    """The calibration in the form of every result; the parameters are in options["parameters"]."""
+    """The calibration in the form of every result; parameters and axes are among its `details`."""
     checks = _kinematic_checks(calibration)
     held = calibration.held_out
     return CalibrationResult(
@@ -32,54 +40,49 @@ def as_result(calibration: KinematicCalibration) -> CalibrationResult:
         sigma_robot=_kinematic_noise(calibration),
         views=_kinematic_views(calibration),
         held_out=None if held is None else HeldOut(mm=held.rms_mm, deg=held.rms_deg),
-        options={
-            "parameters": [_parameter(p) for p in parameter_rows(calibration)],
-            "rms_before": _errors(calibration.before.rms_mm, calibration.before.rms_deg),
-            "rms_after": _errors(calibration.after.rms_mm, calibration.after.rms_deg),
-            **({"axes": axis_rows(calibration)} if isinstance(calibration.model.chain, ProductOfExponentials) else {}),
-        },
+        figures={**_errors("rms_before", calibration.before), **_errors("rms_after", calibration.after)},
+        details=(robot_parameters(calibration), *joint_axes(calibration)),
     )
 
 
-def parameter_rows(calibration: KinematicCalibration) -> list[dict[str, Any]]:
+def robot_parameters(calibration: KinematicCalibration) -> RobotParameters:
     """Every candidate: name, group, unit, correction and sigma in the unit, or the reason why it is not fitted."""
-    return [
-        {
-            "name": p.parameter.name,
-            "group": p.parameter.group,
-            "unit": p.parameter.unit,
-            "correction": p.correction,
-            "sigma": p.sigma,
-            "reason": p.reason or None,
-        }
+    rows = (
+        RobotParameter(p.parameter.name, p.parameter.unit, p.correction, p.sigma, p.reason or None, p.parameter.group)
         for p in calibration.parameters
-    ]
+    )
+    return RobotParameters({"robot": tuple(rows)})
 
 
-def axis_rows(calibration: KinematicCalibration) -> list[dict[str, Any]]:
+def joint_axes(calibration: KinematicCalibration) -> tuple[JointAxes, ...]:
     """Axes of a product of exponentials in the measuring frame: direction, a point, 1 sigma of tilt and shift.
 
-    The sigmas are those of the worse of the two directions across the axis.
+    The sigmas are those of the worse of the two directions across the axis. Empty for a robot that had a nominal one.
     """
     chain = calibration.model.chain
     if not isinstance(chain, ProductOfExponentials):
-        return []
+        return ()
     sigma = {p.parameter.name: p.sigma for p in calibration.parameters}
-    rows: list[dict[str, Any]] = []
+    rows = []
     for k, joint in enumerate(chain.joints):
         tilt = [sigma[f"{joint.name} tilt {w}"] for w in "uv"]
         shift = [sigma.get(f"{joint.name} shift {w}") for w in "uv"]
         rows.append(
-            {
-                "joint": joint.name,
-                "kind": joint.kind,
-                "direction": chain.directions[k].tolist(),
-                "point": chain.points[k].tolist(),
-                "sigma_direction_deg": _worst(tilt, 180 / np.pi),
-                "sigma_point_mm": _worst(shift, 1e3),
-            }
+            JointAxis(
+                joint.name,
+                joint.kind,
+                _triple(chain.directions[k]),
+                _triple(chain.points[k]),
+                _worst(tilt, 180 / np.pi),
+                _worst(shift, 1e3),
+            )
         )
-    return rows
+    return (JointAxes(tuple(rows)),)
+
+
+def _triple(v: Array) -> Triple:
+    x, y, z = v.tolist()
+    return x, y, z
 
 
 def _worst(sigmas: list[float | None], factor: float) -> float | None:
@@ -87,12 +90,11 @@ def _worst(sigmas: list[float | None], factor: float) -> float | None:
     return max(known) * factor if len(known) == len(sigmas) else None
 
 
-def _parameter(row: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in row.items() if value is not None}
-
-
-def _errors(mm: float, deg: float | None) -> dict[str, float]:
-    return {"mm": mm} if deg is None else {"mm": mm, "deg": deg}
+def _errors(name: str, errors: ModelErrors) -> dict[str, Measured]:
+    out = {f"{name}_mm": Measured(errors.rms_mm, unit="mm")}
+    if errors.rms_deg is not None:
+        out[f"{name}_deg"] = Measured(errors.rms_deg, unit="deg")
+    return out
 
 
 def _kinematic_transforms(calibration: KinematicCalibration) -> tuple[TransformEstimate, ...]:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +30,7 @@ from calibrant.calibrate.cell.stated import stated_layout
 from calibrant.calibrate.cell.views import from_observations
 from calibrant.calibrate.solvers.setup import get_setup
 from calibrant.data import CalibrationResult
+from calibrant.data.details import RobotParameters
 from calibrant.diagnose.budget.single import (
     INTRINSICS,
     PIXELS,
@@ -72,7 +72,7 @@ def several_budgets(result: CalibrationResult, *, target_sigma: float) -> dict[s
     layout = stated_layout(result)
     if layout is None:
         return None
-    if "parameters" in result.options:
+    if result.detail(RobotParameters) is not None:
         raise InputError(
             "the uncertainty in a workspace is not available with --identify: what the offsets add to it is not in the "
             "result; calibrate with the corrected robot (its poses), without --identify"
@@ -108,16 +108,14 @@ def _several(result: CalibrationResult, layout: Layout) -> Several:
 
 def _problem(result: CalibrationResult, several: Several) -> tuple[Problem, dict[str, float]]:
     """The joint problem at the result, sizes free, and the noise levels it states."""
-    layout, options = several.layout, result.options
+    layout, cell = several.layout, result.cell
     transforms = {f: result.transform(*f).matrix for f in layout.unknown}
-    pixels: Mapping[str, Any] = options.get("sigma_px_of") or dict.fromkeys(layout.cameras, result.sigma_px)
-    levels = {pixel_group(c): float(pixels[c]) for c in layout.cameras}
+    pixels = cell.sigma_px if cell is not None else {}
+    levels = {pixel_group(c): float(pixels.get(c, result.sigma_px or 0.0)) for c in layout.cameras}
     for robot in layout.robots:
-        stated = (options.get("sigma_robot_of") or {}).get(robot)
-        if stated is None and result.sigma_robot is not None:
-            stated = {"mm": result.sigma_robot.mm, "deg": result.sigma_robot.deg}
+        stated = (cell.sigma_robot if cell is not None else {}).get(robot, result.sigma_robot)
         if stated is not None:
-            levels |= dict(zip(robot_groups(robot), (float(np.deg2rad(stated["deg"])), 1e-3 * stated["mm"])))
+            levels |= dict(zip(robot_groups(robot), (float(np.deg2rad(stated.deg)), 1e-3 * stated.mm)))
     return several_problem(several, transforms, levels, free_scale=True), levels
 
 

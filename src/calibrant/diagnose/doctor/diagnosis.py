@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from calibrant.calibrate.cell.boards.turned import ViewsNumbered
 from calibrant.cameras import Camera
-from calibrant.data import CalibrationResult, Check, Observations, RobotPoses, View, ViewResult, verdict_of
+from calibrant.data import CalibrationResult, Check, Measured, Observations, RobotPoses, View, ViewResult, verdict_of
+from calibrant.data.details import Deviations, Fault, Faults, LoopSpread, ViewDeviation
 from calibrant.diagnose.conventions.hypotheses import Setup
 from calibrant.diagnose.doctor.case import Case, case_of_poses, case_of_views
 from calibrant.diagnose.doctor.finding import Finding
@@ -149,20 +150,62 @@ def as_result(diagnosis: Diagnosis) -> CalibrationResult:
         for i, use, size, reason, B in zip(data.ids, data.use, sizes, data.reasons, data.B)
     )
     examination = diagnosis.examination
-    loops = {
-        name: {"mm": loop.mm, "deg": loop.deg}
-        for name, loop in (("loop_before", examination.before), ("loop_after", examination.after))
-        if loop is not None
-    }
+    figures: dict[str, Measured] = {}
+    for name, loop in (("loop_before", examination.before), ("loop_after", examination.after)):
+        if loop is not None:
+            figures |= {f"{name}_mm": Measured(loop.mm, unit="mm"), f"{name}_deg": Measured(loop.deg, unit="deg")}
     return CalibrationResult(
         kind="doctor",
         verdict=verdict_of(checks),
         checks=checks,
         views=views,
-        options={
-            "setup": diagnosis.poses.setup,
-            "pose_reading": diagnosis.poses.decision.notation.description,
-            **loops,
-        },
+        figures=figures,
+        decided={"setup": diagnosis.poses.setup, "pose_reading": diagnosis.poses.decision.notation.description},
+        details=(faults(diagnosis.findings), *_deviations(examination)),
         robot_poses=RobotPoses(data.ids, data.T_base_gripper),
     )
+
+
+def faults(findings: Sequence[Finding]) -> Faults:
+    """The findings as a result keeps them."""
+    return Faults(tuple(_fault(f) for f in findings))
+
+
+def _fault(f: Finding) -> Fault:
+    before, after = (None, None) if f.evidence is None else (f.evidence.before, f.evidence.after)
+    measured = f.measured
+    return Fault(
+        f.name,
+        f.status,
+        f.message,
+        f.confidence,
+        None if before is None else LoopSpread(before.mm, before.deg),
+        None if after is None else LoopSpread(after.mm, after.deg),
+        None if measured is None else measured.value,
+        None if measured is None else measured.sigma,
+        f.views,
+        f.proposal,
+    )
+
+
+def _deviations(examination: Examination) -> tuple[Deviations, ...]:
+    """The loop of every view before and after the repairs; nothing where the motions determine none."""
+    if examination.before is None:
+        return ()
+    before, after = _view_deviations(examination.case), _view_deviations(examination.repaired)
+    none = (None, None)
+    return (
+        Deviations(
+            tuple(
+                ViewDeviation(name, *before.get(name, none), *after.get(name, none))
+                for name in examination.case.data.ids
+            )
+        ),
+    )
+
+
+def _view_deviations(case: Case) -> dict[str, tuple[float, float]]:
+    """mm and deg of each view used from where the others put the target."""
+    d = case.robust.fit.deviation
+    mm, deg = 1e3 * np.linalg.norm(d[:, 3:], axis=1), np.rad2deg(np.linalg.norm(d[:, :3], axis=1))
+    return {name: (float(a), float(b)) for name, a, b in zip(case.ids, mm, deg)}

@@ -223,16 +223,11 @@ def _result(
     turn: Undistortion, targets: dict[Path, Path], reasons: dict[Path, str], request: Request
 ) -> CalibrationResult:
     """The output camera as a result file, with what was done to whom."""
-    from calibrant.data import DEFAULT_CAMERA, CalibrationResult, ViewResult
+    from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Measured, ViewResult
+    from calibrant.data.details import PictureRegion
     from calibrant.data.verdicts import stamp
 
     views = tuple(ViewResult(str(f.name), f not in reasons, 0, reason=reasons.get(f)) for f in targets)
-    details = {
-        **request.output.words,
-        "valid_region": list(turn.region),
-        "without_source": float(1 - turn.valid.mean()),
-        **({"mirror_x": True} if request.mirror_x else {}),
-    }
     records = session.file_records([*targets, *([request.camera] if request.camera else [])])
     return stamp(
         CalibrationResult(
@@ -240,7 +235,9 @@ def _result(
             "ok",
             cameras={DEFAULT_CAMERA: turn.output},
             views=views,
-            options=details,
+            options={**request.output.words, **({"mirror_x": True} if request.mirror_x else {})},
+            figures={"without_source": Measured(float(1 - turn.valid.mean()))},
+            details=(PictureRegion(*map(int, turn.region)),),
             inputs=records,
         )
     )

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from calibrant.cli import session
 from calibrant.errors import InputError, RefusedError
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     from calibrant.data import CalibrationResult, RobotPoses
     from calibrant.diagnose.doctor.diagnosis import Diagnosis
-    from calibrant.diagnose.doctor.finding import Finding
 
 WORDS = {"ok": "noted", "warn": "warning", "fail": "FAULT"}
 STYLES = {"ok": "", "warn": "yellow", "fail": "bold red"}
@@ -73,6 +72,7 @@ def repaired(diagnosis: Diagnosis, data: hand_eye_data.PairedData, request: hand
     """
     from calibrant.calibrate.cell.boards.turned import NAME
     from calibrant.data import Check, verdict_of
+    from calibrant.diagnose.doctor.diagnosis import faults
     from calibrant.diagnose.doctor.repair import calibrate_repaired
     from calibrant.diagnose.review import review
 
@@ -92,34 +92,15 @@ def repaired(diagnosis: Diagnosis, data: hand_eye_data.PairedData, request: hand
         Check("pairing", "ok", data.pairing),
         *(c for c in result.checks if c.name not in {d.name for d in done}),
     )
-    options = {**result.options, "pose_reading": decision.notation.description, "repaired": _listed(diagnosis.findings)}
+    decided = {**result.decided, "pose_reading": decision.notation.description}
     inputs = session.file_records(data.files)
-    return review(replace(result, checks=checks, verdict=verdict_of(checks), options=options, inputs=inputs))
-
-
-def _listed(findings: Sequence[Finding]) -> list[dict[str, Any]]:
-    """Findings as plain data."""
-    out = []
-    for f in findings:
-        row: dict[str, Any] = {"name": f.name, "status": f.status, "confidence": f.confidence, "message": f.message}
-        if f.evidence is not None:
-            row["loop_before"] = vars(f.evidence.before)
-            row["loop_after"] = vars(f.evidence.after)
-        if f.measured is not None:
-            row["value"], row["sigma"] = f.measured.value, f.measured.sigma
-        if f.views:
-            row["views"] = list(f.views)
-        if f.proposal:
-            row["proposal"] = f.proposal
-        out.append(row)
-    return out
+    complete = replace(result, checks=checks, verdict=verdict_of(checks), decided=decided, inputs=inputs)
+    return review(complete.with_detail(faults(diagnosis.findings)))
 
 
 def _write(result: CalibrationResult, diagnosis: Diagnosis, outputs: session.Outputs, repair: Repair) -> None:
     from calibrant.data.result_file import result_text, write_text
 
-    if not repair.apply:
-        result = replace(result, options={**result.options, "findings": _listed(diagnosis.findings)})
     if outputs.out is not None:
         result.write(outputs.out, force=outputs.force)
     if outputs.report is not None:

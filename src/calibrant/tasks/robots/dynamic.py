@@ -162,7 +162,7 @@ def _boards(request: Request, images: Sequence[str], camera: str) -> Observation
 def _result(
     taken: Taken, external: Camera, reading: str, pairing: str, files: Sequence[str | Path]
 ) -> CalibrationResult:
-    from calibrant.data import CalibrationResult, Check, verdict_of
+    from calibrant.data import CalibrationResult, Check, Measured, verdict_of
     from calibrant.data.verdicts import stamp
     from calibrant.diagnose.budget.workspace import budget_words, sigma_mm
 
@@ -180,10 +180,11 @@ def _result(
     else:
         checks.append(Check("consistency", "ok", f"{len(known.sights)} views agree within their noise", 0.0))
     checks += [Check("pose-reading", "ok", reading), Check("pairing", "ok", pairing)]
+    shares = {f"variance by {source}": Measured(round(share, 4)) for source, share in known.shares.items()}
     return stamp(
         CalibrationResult(
             "dynamic", verdict_of(tuple(checks)), tuple(checks), cameras={"external": known.camera},
-            transforms=(estimate,), options={"shares": {k: round(v, 4) for k, v in known.shares.items()}},
-            inputs=session.file_records(files),
+            transforms=(estimate,), figures=shares,
+            decided={"pose_reading": reading}, inputs=session.file_records(files),
         )
     )  # fmt: skip

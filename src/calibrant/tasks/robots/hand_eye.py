@@ -79,14 +79,13 @@ def _complete(
         Check("pairing", "ok", data.pairing),
         *result.checks,
     )
-    options = {**result.options, "pose_reading": decision.notation.description}
-    if request.mirror_x:
-        options["mirror_x"] = True
+    options = {**result.options, **({"mirror_x": True} if request.mirror_x else {})}
     done = replace(
         result,
         checks=checks,
         verdict=verdict_of(checks),
         options=options,
+        decided={**result.decided, "pose_reading": decision.notation.description},
         inputs=session.file_records(data.files),
     )
     return in_workspace(review(done), request.workspace, request.tolerance, request.target_sigma)

@@ -199,13 +199,14 @@ def calibrate(request: SeveralRequest) -> CalibrationResult:
             fix=request.common.fix,
         )
     checks = (*(c for part in lists for c in part.checks), *result.checks)
-    readings = {part.pictures.camera: part.reading for part in lists if part.reading}
+    readings = {f"pose_reading {part.pictures.camera}": part.reading for part in lists if part.reading}
     files = [f for part in lists for f in part.files]
     done = replace(
         result,
         checks=checks,
         verdict=verdict_of(checks),
-        options={**result.options, "pose_reading": readings, **({"mirror_x": True} if common.mirror_x else {})},
+        options={**result.options, **({"mirror_x": True} if common.mirror_x else {})},
+        decided={**result.decided, **readings},
         inputs=session.file_records(files),
     )
     reviewed = review(session.with_misses(done))

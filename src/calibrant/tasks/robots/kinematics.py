@@ -11,11 +11,14 @@ from calibrant.cli import session
 from calibrant.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from rich.console import RenderableType
 
     from calibrant.calibrate.kinematics.identify import KinematicCalibration
     from calibrant.calibrate.kinematics.model import Gravity
     from calibrant.data import CalibrationResult
+    from calibrant.data.details import JointAxis
     from calibrant.formats.robots.read import Robot
 
 ROBOT_SUFFIXES = (".urdf", ".xml", ".yaml", ".yml")
@@ -160,7 +163,7 @@ def tables(calibration: KinematicCalibration) -> RenderableType:
     from rich.text import Text
 
     from calibrant.calibrate.kinematics.identify import figure
-    from calibrant.calibrate.kinematics.result import axis_rows
+    from calibrant.calibrate.kinematics.result import joint_axes
 
     parts: list[RenderableType] = []
     table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0))
@@ -174,9 +177,8 @@ def tables(calibration: KinematicCalibration) -> RenderableType:
         )
     if table.rows:
         parts += [Text("Identified", style="bold"), table, Text("")]
-    axes = axis_rows(calibration)
-    if axes:
-        parts += [Text("Axes in the measuring frame", style="bold"), _axes_table(axes), Text("")]
+    for found in joint_axes(calibration):
+        parts += [Text("Axes in the measuring frame", style="bold"), _axes_table(found.axes), Text("")]
     left = [p for p in calibration.parameters if p.sigma is None]
     redundant = [p.parameter.name for p in left if p.reason.startswith("redundant")]
     if redundant:
@@ -184,18 +186,17 @@ def tables(calibration: KinematicCalibration) -> RenderableType:
     return Group(*parts)
 
 
-def _axes_table(axes: list[dict[str, object]]) -> RenderableType:
-    import numpy as np
+def _axes_table(axes: Sequence[JointAxis]) -> RenderableType:
     from rich.table import Table
 
     table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0))
     for heading in ("joint", "direction x, y, z", "± deg", "point mm", "± mm"):
         table.add_column(heading)
     for row in axes:
-        direction = ", ".join(f"{v:.6f}" for v in np.asarray(row["direction"]))
-        point = ", ".join(f"{1e3 * v:.3f}" for v in np.asarray(row["point"]))
-        sigmas = ["–" if row[key] is None else f"{row[key]:.2g}" for key in ("sigma_direction_deg", "sigma_point_mm")]
-        table.add_row(str(row["joint"]), direction, sigmas[0], point if row["kind"] == "revolute" else "–", sigmas[1])
+        direction = ", ".join(f"{v:.6f}" for v in row.direction)
+        point = ", ".join(f"{1e3 * v:.3f}" for v in row.point)
+        tilt, shift = ("–" if s is None else f"{s:.2g}" for s in (row.sigma_direction_deg, row.sigma_point_mm))
+        table.add_row(row.joint, direction, tilt, point if row.kind == "revolute" else "–", shift)
     return table
 
 

@@ -184,6 +184,7 @@ def _poses(reading: PoseNotation) -> RobotPoses:
 
 def _result(tip: ToolTip, reading: str, files: Sequence[str | Path]) -> CalibrationResult:
     from calibrant.data import CalibrationResult, Check, ViewResult, as_transform, verdict_of
+    from calibrant.data.details import TouchedPoint
     from calibrant.data.verdicts import stamp
     from calibrant.geometry import se3
 
@@ -198,13 +199,15 @@ def _result(tip: ToolTip, reading: str, files: Sequence[str | Path]) -> Calibrat
         )
         for name, r, bad in zip(tip.ids, tip.residuals, odd)
     )  # fmt: skip
-    options: dict[str, object] = {}
+    details: tuple[TouchedPoint, ...] = ()
     if tip.point is not None:
-        options["touched_point_mm"] = [round(1e3 * float(c), 6) for c in tip.point]
-        options["off_mm"] = {name: round(float(r), 6) for name, r in zip(tip.ids, tip.residuals)}
+        x, y, z = (round(1e3 * float(c), 6) for c in tip.point)
+        off = {name: round(float(r), 6) for name, r in zip(tip.ids, tip.residuals)}
+        details = (TouchedPoint((x, y, z), off),)
     return stamp(
         CalibrationResult(
-            "tool", verdict_of(checks), checks, views=views, options=options, inputs=session.file_records(files),
+            "tool", verdict_of(checks), checks, views=views, decided={"pose_reading": reading}, details=details,
+            inputs=session.file_records(files),
             transforms=(as_transform("flange", "tip", se3.make(np.eye(3), tip.tip), covariance),),
             sigma_px=tip.sigma if tip.unit == "px" else None,
         )

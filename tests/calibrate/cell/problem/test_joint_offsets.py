@@ -11,6 +11,8 @@ from calibrant.calibrate.cell.calibrate import calibrate_several
 from calibrant.calibrate.cell.problem.joint_offsets import JointReadings, JointRotation, JointTranslation, free_joints
 from calibrant.calibrate.cell.problem.layout import Pictures
 from calibrant.data import CalibrationResult, Observations
+from calibrant.data.details import RobotParameters
+from calibrant.data.typed_json import as_json
 from calibrant.errors import InputError
 from calibrant.geometry import se3
 from calibrant.robots.arms import arm
@@ -60,7 +62,7 @@ def calibrated(s: Scene, *, free: bool) -> CalibrationResult:
 
 
 def found_offsets(result: CalibrationResult) -> dict[str, dict[str, float]]:
-    return {row["name"]: row for row in result.options["parameters"]["robot"]}
+    return {p.name: as_json(p) for p in result.detail(RobotParameters).robots["robot"]}
 
 
 def camera_error_mm(result: CalibrationResult) -> float:

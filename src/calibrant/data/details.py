@@ -1,0 +1,152 @@
+"""What a calibration found that is no single figure: one frozen record a thing, kept under `details` in the file.
+
+A record holds text, numbers, truth values, None, and tuples, mappings and records of these; `typed_json` writes and
+reads it by its annotations, so that a new one needs nothing but its class and its line in `DETAILS`. Results are asked
+for a record by its class: `result.detail(JointAxes)` is one, or None where the result has none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class RobotParameter:
+    """A parameter of a robot's geometry: its correction and 1 sigma in `unit`, or the reason why it was not fitted."""
+
+    name: str
+    unit: str
+    correction: float
+    sigma: float | None = None
+    reason: str | None = None
+    group: str = ""
+
+
+@dataclass(frozen=True)
+class RobotParameters:
+    """Every parameter that was asked for, by robot."""
+
+    robots: Mapping[str, tuple[RobotParameter, ...]]
+
+
+@dataclass(frozen=True)
+class JointAxis:
+    """An axis in the measuring frame: its direction, a point on it (metres), 1 sigma of tilt and of shift.
+
+    The sigmas are those of the worse of the two directions across the axis; None where they are not known.
+    """
+
+    joint: str
+    kind: str
+    direction: Triple
+    point: Triple
+    sigma_direction_deg: float | None = None
+    sigma_point_mm: float | None = None
+
+
+@dataclass(frozen=True)
+class JointAxes:
+    """The axes of a robot that was found without a nominal one."""
+
+    axes: tuple[JointAxis, ...]
+
+
+@dataclass(frozen=True)
+class ModelCandidate:
+    """A camera model that was tried: its free parameters and errors, or the reason why it does not serve."""
+
+    model: str
+    free: int
+    rms_px: float | None = None
+    held_out_px: float | None = None
+    bic: float | None = None
+    reason: str | None = None
+
+
+@dataclass(frozen=True)
+class ModelChoice:
+    """The camera models between which the data chose, simplest first."""
+
+    candidates: tuple[ModelCandidate, ...]
+
+
+@dataclass(frozen=True)
+class LoopSpread:
+    """How far a loop of poses is from closing, rms."""
+
+    mm: float
+    deg: float
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A finding of the doctor: what it is sure of (0 … 1), the loop with it and without, what it measured, the cure."""
+
+    name: str
+    status: str
+    message: str
+    confidence: float
+    loop_before: LoopSpread | None = None
+    loop_after: LoopSpread | None = None
+    value: float | None = None
+    sigma: float | None = None
+    views: tuple[str, ...] = ()
+    proposal: str = ""
+
+
+@dataclass(frozen=True)
+class Faults:
+    """What the doctor found; in the result of repaired data, what was repaired."""
+
+    found: tuple[Fault, ...]
+
+
+@dataclass(frozen=True)
+class ViewDeviation:
+    """How far a view's target lies from where the others put it, as the data were given and as they were repaired."""
+
+    id: str
+    before_mm: float | None = None
+    before_deg: float | None = None
+    after_mm: float | None = None
+    after_deg: float | None = None
+
+
+@dataclass(frozen=True)
+class Deviations:
+    """The loop, view by view, before and after the doctor's repairs."""
+
+    views: tuple[ViewDeviation, ...]
+
+
+@dataclass(frozen=True)
+class TouchedPoint:
+    """The point (mm, base frame) that a tool touched, and how far from it each pose put the tip, mm."""
+
+    point_mm: Triple
+    off_mm: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class PictureRegion:
+    """The largest rectangle of an undistorted picture whose every pixel has a source, pixels."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+
+DETAILS: Mapping[str, type] = {
+    "robot_parameters": RobotParameters,
+    "joint_axes": JointAxes,
+    "model_choice": ModelChoice,
+    "faults": Faults,
+    "deviations": Deviations,
+    "touched_point": TouchedPoint,
+    "valid_region": PictureRegion,
+}
+"""The key of each record in a result file."""

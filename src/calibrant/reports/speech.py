@@ -1,0 +1,57 @@
+"""A result in words: ten lines for `print`, the terminal's text, a page's piece for a notebook."""
+
+from __future__ import annotations
+
+from html import escape
+from io import StringIO
+
+from calibrant.data import CalibrationResult, Check
+from calibrant.reports.headline import headline
+from calibrant.reports.words import STATUS_WORDS, VERDICT_WORDS, sorted_checks, title, verdict_sentence
+
+WIDTH = 80
+"""Columns of a summary: what every terminal has."""
+_MOST_WARNINGS = 4
+"""Of many warnings the worst are said; the summary has them all."""
+
+
+def brief(result: CalibrationResult) -> str:
+    """What it is, the verdict and its reason, the figures that count, and the checks that warn: some ten lines."""
+    lines = [title(result), f"{VERDICT_WORDS[result.verdict]}. {verdict_sentence(result)}"]
+    facts = headline(result)
+    wide = max((len(fact.name) for fact in facts), default=0)
+    lines += [f"  {fact.name:<{wide}}  {fact.text}" for fact in facts]
+    warned = _warned(result)
+    lines += [f"  {STATUS_WORDS[check.status]}: {check.name}" for check in warned[:_MOST_WARNINGS]]
+    if len(warned) > _MOST_WARNINGS:
+        lines.append(f"  and {len(warned) - _MOST_WARNINGS} more: summary() tells all")
+    return "\n".join(lines)
+
+
+def summary(result: CalibrationResult) -> str:
+    """What the terminal shows, as plain text."""
+    from rich.console import Console
+
+    from calibrant.reports.terminal import summary as shown
+
+    text = StringIO()
+    Console(file=text, width=WIDTH, color_system=None, force_terminal=False, legacy_windows=False).print(shown(result))
+    return "\n".join(line.rstrip() for line in text.getvalue().splitlines())
+
+
+def notebook(result: CalibrationResult) -> str:
+    """The answer as a piece of HTML without scripts: verdict, headline, the checks that warn."""
+    rows = "".join(
+        f"<tr><th style='text-align:left'>{escape(f.name)}</th><td>{escape(f.text)}</td>"
+        f"<td style='opacity:.7'>{escape(f.note)}</td></tr>"
+        for f in headline(result)
+    )
+    warned = "".join(f"<li><b>{escape(c.name)}</b> {escape(c.message)}</li>" for c in _warned(result))
+    return (
+        f"<div><p><b>{escape(title(result))}: {VERDICT_WORDS[result.verdict]}.</b> {escape(verdict_sentence(result))}"
+        f"</p><table>{rows}</table>{f'<ul>{warned}</ul>' if warned else ''}</div>"
+    )
+
+
+def _warned(result: CalibrationResult) -> list[Check]:
+    return [check for check in sorted_checks(result) if check.status != "ok"]

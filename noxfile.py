@@ -37,3 +37,10 @@ def opencv_contrib(session: nox.Session) -> None:
     """The environment in which tests/peers.py asks cv2.omnidir; with it the tests that else are skipped run."""
     session.install("opencv-contrib-python-headless==5.0.0.93")
     session.run("python", "-c", "import cv2; cv2.omnidir")
+
+
+@nox.session
+def docs(session: nox.Session) -> None:
+    """The documentation as a site in build/site; every link and every shown file must be there."""
+    session.install("-e", ".[docs]")
+    session.run("mkdocs", "build", "--strict", *session.posargs, env={"NO_MKDOCS_2_WARNING": "1"})

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from calibrant.geometry.frames import FrameGraph as FrameGraph
     from calibrant.reports.html import write_report as write_report
     from calibrant.targets.registry import parse_target as parse_target
+    from calibrant.tasks.verbs import intrinsics as intrinsics
 
     read = result_file.read_result
 
@@ -51,6 +52,7 @@ _PUBLIC = {
     "calibrate_intrinsics": ("calibrant.calibrate.intrinsics.calibrate", "calibrate_intrinsics"),
     "calibrate_several": ("calibrant.calibrate.cell.calibrate", "calibrate_several"),
     "detect": ("calibrant.detection.pipeline", "detect"),
+    "intrinsics": ("calibrant.tasks.verbs", "intrinsics"),
     "parse_target": ("calibrant.targets.registry", "parse_target"),
     "read": ("calibrant.data.result_file", "read_result"),
     "write_report": ("calibrant.reports.html", "write_report"),

@@ -35,3 +35,9 @@ class MissingExtraError(CalibrantError):
     """An optional dependency is needed; the message names the extra to install."""
 
     exit_status = 2
+
+
+class CancelledError(CalibrantError):
+    """The work was asked to stop, and stopped; nothing was written. See `calibrant.cancel`."""
+
+    exit_status = 130

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor, wait
 from contextlib import contextmanager
 from multiprocessing import get_context
+from typing import TypeVar
 
-from calibrant.errors import InputError, MissingExtraError
+from calibrant.cancel import checkpoint
+from calibrant.errors import CancelledError, InputError, MissingExtraError
+
+T = TypeVar("T")
+R = TypeVar("R")
 
 WORTH_A_POOL = 40
 """Images from which two processes save time: a process takes about a second to start, an image some 20 ms."""
 POOL_SIZE = 2
+LOOK_EVERY = 0.1
+"""Seconds between two looks whether waiting work was cancelled."""
 SCHEMES = ("tcp://", "tls://", "ucx://", "ws://", "wss://")
 """How addresses of Dask schedulers begin."""
 
@@ -40,11 +47,27 @@ def executor_for(workers: int | str | Executor | None, count: int) -> Iterator[E
         return
     # Fresh processes: a fork would copy the threads' locks of libraries that this process has already used.
     pool = ProcessPoolExecutor(min(number, count), mp_context=get_context("spawn"))
+    patient = True
     try:
         yield pool
+    except CancelledError:
+        # Nobody waits for the images that are being searched: the processes end by themselves behind them.
+        patient = False
+        raise
     finally:
         # After an error or Ctrl-C the images that wait are not begun.
-        pool.shutdown(wait=True, cancel_futures=True)
+        pool.shutdown(wait=patient, cancel_futures=True)
+
+
+def in_order(
+    executor: Executor, work: Callable[[Sequence[T]], Sequence[R]], parts: Sequence[Sequence[T]]
+) -> Iterator[R]:
+    """What `work` gives for every part, in order; while it waits, it asks whether to stop. Raises: CancelledError."""
+    futures = [executor.submit(work, part) for part in parts]
+    for future in futures:
+        while not wait([future], timeout=LOOK_EVERY).done:
+            checkpoint()
+        yield from future.result()
 
 
 @contextmanager

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from calibrant.cli.application import spread
+from calibrant.cli.command import Command, values_of
+from calibrant.cli.legacy import spread
 
 COMMANDS = ["demo", "target", "detect", "intrinsics", "hand-eye", "report"]
 
@@ -65,10 +66,22 @@ def test_the_traceback_only_with_debug(tmp_path: Path) -> None:
     [
         ("hand-eye --images a b --poses p", "hand-eye --images a --images b --poses p"),
         ("hand-eye -i a b", "hand-eye -i a -i b"),
+    ],
+)
+def test_values_up_to_the_next_option_are_spread(given: str, expected: str) -> None:
+    assert spread(given.split()) == expected.split()
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
         ("intrinsics a b --exclude c d --out o", "intrinsics a b --exclude c --exclude d --out o"),
-        ("intrinsics --fix k3 p1,p2 a.png b/c", "intrinsics --fix k3 --fix p1,p2 a.png b/c"),
-        ("intrinsics --json a b", "intrinsics --json a b"),
+        ("intrinsics --fix k3 p1,p2 a.png b/c", "intrinsics a.png b/c --fix k3 --fix p1,p2"),
+        ("intrinsics --json a b", "intrinsics a b --json"),
+        ("intrinsics a --fix k3 --out o b", "intrinsics a b --out o --fix k3"),
     ],
 )
 def test_values_up_to_the_next_option_belong_to_their_option(given: str, expected: str) -> None:
-    assert spread(given.split()) == expected.split()
+    first, second = (values_of(Command.of(words.split()[0]), words.split()[1:]) for words in (given, expected))
+    assert first == second
+    assert first["images"] in [("a", "b"), ("a.png", "b/c")]

@@ -1,25 +1,26 @@
 """The `calibrant` command: its subcommands, and one place where errors become messages and exit statuses.
 
-0 done; 1 refused or failed its own checks, the reason on standard error; 2 unusable input or arguments.
+0 done; 1 refused or failed its own checks, the reason on standard error; 2 unusable input or arguments; 130
+interrupted.
 """
 
 from __future__ import annotations
 
 import sys
 import traceback
-from collections.abc import Iterable, Sequence
-from importlib import import_module
+from collections.abc import Sequence
 
-import typer
+from calibrant.cli.command import Command, UsageError, parse
+from calibrant.cli.help import command_help, group_help
+from calibrant.errors import CalibrantError, CancelledError, RefusedError
+from calibrant.tasks.registry import GROUPS, TASKS
 
-from calibrant.errors import CalibrantError
-
-COMMANDS = {
+ABOUT = "Calibrate cameras and robots, and prove it: from photos and robot poses to millimetres one can trust."
+HELP = ("--help", "-h")
+LEGACY = {
     "demo": "The whole chain on a simulated robot cell.",
     "target": "Print a board at true size.",
-    "detect": "Find a board in photos.",
     "capture": "Take views from a running camera until it is known.",
-    "intrinsics": "Calibrate a camera from photos of a board.",
     "hand-eye": "Find where the camera is, on a robot or beside it.",
     "pose": "Find where a target is, from photos.",
     "doctor": "Find what is wrong with hand-eye data, and repair it.",
@@ -33,63 +34,13 @@ COMMANDS = {
     "tool": "Find a tool's tip, by touch or by sight.",
     "study": "Compare methods, and see when each fails.",
 }
-"""Every command and what the list says of it: the function of that name in the module of that name, - as _."""
-GROUPS = ("tool", "study")
-"""Commands that have commands of their own: `app` in the module of that name."""
-
-MANY_VALUES = (
-    *("--images", "-i", "--poses", "--target-poses", "--exclude", "--fix"),
-    *("--measurements", "-m", "--identify", "--hold"),
-    *("--wrist-images", "--external-images"),
+"""Commands that are no tasks yet; each leaves this list when it becomes one."""
+ORDER = (
+    *("demo", "target", "detect", "capture", "intrinsics", "hand-eye", "pose", "doctor", "kinematics", "next-pose"),
+    *("time-offset", "dynamic", "vanishing", "undistort", "report", "tool", "study"),
 )
-"""Options that take every value up to the next option, so that a shell's pattern (--images photos/*.png) works."""
-
-
-def application(names: Iterable[str] = COMMANDS) -> typer.Typer:
-    """The command line with these commands: Typer reads every option of each, which takes time for all of them."""
-    app = typer.Typer(
-        name="calibrant",
-        help="Calibrate cameras and robots, and prove it: from photos and robot poses to millimetres one can trust.",
-        add_completion=False,
-        pretty_exceptions_enable=False,
-        rich_markup_mode=None,
-        context_settings={"help_option_names": ["-h", "--help"]},
-    )
-    app.callback()(_alone)
-    for name in names:
-        own = name.replace("-", "_")
-        module = import_module(f"calibrant.cli.{own}")
-        if name in GROUPS:
-            app.add_typer(module.app, name=name, short_help=COMMANDS[name])
-        else:
-            app.command(name, short_help=COMMANDS[name])(getattr(module, own))
-    return app
-
-
-def _alone() -> None:
-    """Without a callback, Typer would take one command alone for the whole program, its name for an argument."""
-
-
-def spread(arguments: Sequence[str]) -> list[str]:
-    """Repeat each of MANY_VALUES before every one of its values: --images a b -> --images a --images b.
-
-    A word that can be no parameter's name ends --fix: `--fix k3 photos/*.jpg` names photos.
-    """
-    out: list[str] = []
-    current: str | None = None
-    values = 0
-    for argument in arguments:
-        if argument.startswith("-"):
-            current, values = (argument if argument in MANY_VALUES else None), 0
-            out.append(argument)
-            continue
-        if current == "--fix" and values and not argument.replace(",", "").isalnum():
-            current = None
-        if current is not None and values:
-            out.append(current)
-        values += 1
-        out.append(argument)
-    return out
+"""How the list of commands is sorted: as a person meets them."""
+INTERRUPTED = "interrupted; nothing was written"
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
@@ -97,27 +48,81 @@ def run(arguments: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     debug = "--debug" in given
     try:
-        app = application([given[0]] if given[0] in COMMANDS else COMMANDS)
-        status = app(spread(given), standalone_mode=False, prog_name="calibrant")
+        return _answered(given)
+    except CancelledError as error:
+        return _failed(error, error.exit_status, debug, text=INTERRUPTED)
     except CalibrantError as error:
         return _failed(error, error.exit_status, debug)
-    except typer.Exit as stop:
-        return int(stop.exit_code)
-    except (KeyboardInterrupt, typer.Abort):
-        sys.stderr.write("calibrant: interrupted; nothing was written\n")
+    except KeyboardInterrupt:
+        sys.stderr.write(f"calibrant: {INTERRUPTED}\n")
         return 130
     except Exception as error:  # noqa: BLE001 - the last line of defence: a defect of ours, said so
-        usage = getattr(error, "format_message", None)
-        if usage is not None:
-            return _misused(error, usage(), given, debug)
         text = f"internal error: {type(error).__name__}: {error}. Run again with --debug and report it."
         return _failed(error, 1, debug, text=text)
-    return int(status or 0)
 
 
-def _misused(error: BaseException, message: str, given: Sequence[str], debug: bool) -> int:
-    command = f"{given[0]} " if given[0] in COMMANDS and given[0] not in GROUPS else ""
-    return _failed(error, 2, debug, text=f"{message.rstrip('.')}. See calibrant {command}--help.")
+def _answered(given: list[str]) -> int:
+    """The answer to a command line: a command's work, or help."""
+    name = " ".join(given[:2]) if " ".join(given[:2]) in TASKS else given[0]
+    rest = given[len(name.split()) :]
+    if name in TASKS:
+        return _work(Command.of(name), rest)
+    if name in LEGACY:
+        from calibrant.cli.legacy import run_legacy
+
+        return run_legacy(given)
+    if name in GROUPS:
+        if rest and rest[0] not in HELP:
+            raise UsageError(f"No such command '{name} {rest[0]}'. See calibrant {name} --help.")
+        sys.stdout.write(group_help(f"calibrant {name}", GROUPS[name], _listed(f"{name} ")))
+        return 0
+    if name in HELP:
+        sys.stdout.write(group_help("calibrant", ABOUT, _listed("")))
+        return 0
+    if name == "--version":
+        from calibrant.version import __version__
+
+        sys.stdout.write(f"calibrant {__version__}\n")
+        return 0
+    if name == "--install-completion":
+        from calibrant.cli.completion import install
+
+        sys.stdout.write(install())
+        return 0
+    what = "option" if name.startswith("-") else "command"
+    raise UsageError(f"No such {what} '{name}'. See calibrant --help.")
+
+
+def _listed(prefix: str) -> list[tuple[str, str]]:
+    """The commands below a group and what each does; of all, groups stand for their commands."""
+    if prefix:
+        return [(name.removeprefix(prefix), entry.words) for name, entry in TASKS.items() if name.startswith(prefix)]
+    single = {name: entry.words for name, entry in TASKS.items() if " " not in name}
+    every = {**LEGACY, **single, **GROUPS}
+    return [(name, every[name]) for name in ORDER if name in every]
+
+
+def _work(command: Command, arguments: Sequence[str]) -> int:
+    """One command from its arguments to its files."""
+    from calibrant.cli.finish import explained, finish
+    from calibrant.cli.progress import listener
+    from calibrant.tasks.registry import reads_of
+
+    if any(word in HELP for word in arguments):
+        sys.stdout.write(command_help(command))
+        return 0
+    try:
+        call = parse(command, arguments)
+    except UsageError as error:
+        raise UsageError(f"{error}. See calibrant {command.name} --help.") from None
+    call.places.check(force=call.outputs.force)
+    call.places.spare(reads_of(command.task, call.request))
+    try:
+        outcome = command.task.run(call.request, listener(silent=call.outputs.silent))
+    except RefusedError as error:
+        raise explained(error, call) from error
+    finish(outcome, call)
+    return 0
 
 
 def _failed(error: BaseException, status: int, debug: bool, *, text: str | None = None) -> int:

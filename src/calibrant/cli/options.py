@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from calibrant.errors import InputError
+from calibrant.tasks.options.words import pixels as pixels
+from calibrant.tasks.options.words import split_names as _split_names
 
 if TYPE_CHECKING:
     from calibrant.detection.subpixel.refinement import Refinement
@@ -127,11 +129,6 @@ RobotFormat = Annotated[
 ]  # fmt: skip
 
 
-def split_names(values: Sequence[str] | None) -> tuple[str, ...]:
-    """Names given as separate values or separated by commas."""
-    return tuple(n.strip() for value in values or () for n in value.split(",") if n.strip())
-
-
 def refinement(method: str, window: str | None, zero_zone: str | None) -> Refinement:
     """How corners are measured. Raises: InputError for an unknown method, a bare number, or values out of range."""
     from calibrant.detection.subpixel.refinement import Refinement
@@ -151,15 +148,6 @@ def refinement(method: str, window: str | None, zero_zone: str | None) -> Refine
     return Refinement(method.strip().lower(), part, zone or 0.0)
 
 
-def pixels(text: str | None, *, option: str) -> float | None:
-    """A length in pixels with its unit: 1.0px. Raises: InputError for a bare number or another unit."""
-    if text is None:
-        return None
-    number = text.strip().removesuffix("px").strip()
-    try:
-        value = float(number)
-    except ValueError:
-        value = -1.0
-    if not text.strip().endswith("px") or not 0 < value < float("inf"):
-        raise InputError(f"{option} takes a length in pixels with its unit, such as 1.0px; got {text!r}")
-    return value
+def split_names(values: Sequence[str] | None) -> tuple[str, ...]:
+    """Names given as separate values or separated by commas."""
+    return _split_names(values or ())

@@ -57,9 +57,11 @@ def pose(
     has it.
     """
     from calibrant.cli import session
+    from calibrant.cli.progress import listener
     from calibrant.errors import InputError
     from calibrant.tasks.cameras import pose as pose_run
     from calibrant.tasks.inputs.sources import Source
+    from calibrant.tasks.options.images import SearchOptions
 
     outputs = session.Outputs(out, report, json, quiet, force)
     outputs.check()
@@ -68,9 +70,8 @@ def pose(
             "a pose needs the camera that took the photo: --camera camera.json (calibrant intrinsics --out)"
         )
     noise = o.pixels(sigma_px, option="--sigma-px")
-    source = Source(
-        tuple(images or ()), target, observations, o.split_names(exclude), mirror_x, workers, quiet or json, cache
-    )
+    search = SearchOptions(mirror_x=mirror_x, exclude=tuple(exclude or ()), workers=workers, cache=cache)
+    source = Source(tuple(images or ()), target, observations, search, listener=listener(silent=quiet or json))
     files = source.files()
     inputs = [*source.inputs(files), camera]
     outputs.spare(inputs)

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from calibrant.cli.progress import listener
 from calibrant.errors import InputError, RefusedError
+from calibrant.tasks import session as task_session
+from calibrant.tasks.session import cache_folder as cache_folder
+from calibrant.tasks.session import file_records as file_records
+from calibrant.tasks.session import with_misses as with_misses
 
 if TYPE_CHECKING:
     from calibrant.data import CalibrationResult, Observations
@@ -78,61 +82,26 @@ def write_bytes(path: Path, data: bytes) -> None:
 
 @contextmanager
 def progress(title: str, *, quiet: bool) -> Iterator[Progress]:
-    """A progress bar on a terminal's standard error; nothing elsewhere."""
-    if quiet or not sys.stderr.isatty():
-        yield lambda done, total, name: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bar
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(title, total=None)
-        yield lambda done, total, name: bar.update(task, completed=done, total=total, description=f"{title} {name}")
+    """Progress on standard error."""
+    with listener(silent=quiet).progress(title) as step:
+        yield step
 
 
 @contextmanager
 def status(text: str, *, quiet: bool) -> Iterator[None]:
-    """A line on a terminal's standard error while something runs."""
-    if quiet or not sys.stderr.isatty():
+    """A line on standard error while something runs."""
+    with listener(silent=quiet).status(text):
         yield
-        return
-    from rich.console import Console
-
-    with Console(stderr=True).status(text):
-        yield
-
-
-_LOADING = "Loading the solver (the first run compiles it, which takes up to a minute) …"
 
 
 def load_solver(*, quiet: bool) -> None:
-    """Load the kernels for photos; the first run on a machine compiles them, which a person should know."""
-    with status(_LOADING, quiet=quiet):
-        from calibrant.calibrate.classical import planar_kernels
-        from calibrant.calibrate.reprojection import kernels as reprojection_kernels
-        from calibrant.optimize import linear_kernels
-
-        _ = (planar_kernels, reprojection_kernels, linear_kernels)
+    """Load the kernels for photos."""
+    task_session.load_solver(listener(silent=quiet))
 
 
 def load_pose_solver(*, quiet: bool) -> None:
-    """Load the kernels for poses alone, which are far fewer than those for photos."""
-    with status(_LOADING, quiet=quiet):
-        from calibrant.optimize import linear_kernels, pose_kernels
-
-        _ = (linear_kernels, pose_kernels)
-
-
-def file_records(files: Iterable[str | Path]) -> tuple[dict[str, str], ...]:
-    """Name and SHA-256 of every input file, so that a result says what it was made from."""
-    records = []
-    for file in dict.fromkeys(str(f) for f in files):
-        path = Path(file)
-        if path.is_file():
-            records.append({"file": file, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()})
-    return tuple(records)
+    """Load the kernels for poses alone."""
+    task_session.load_pose_solver(listener(silent=quiet))
 
 
 def detect_boards(
@@ -146,53 +115,11 @@ def detect_boards(
     camera: str = "camera",
     refinement: Refinement | None = None,
 ) -> Observations:
-    """Find the target in every file, with progress. Args: cache: as `cache_folder` takes it."""
-    from calibrant.detection import detect
-    from calibrant.detection.subpixel.refinement import DEFAULT
-    from calibrant.targets.point_folder import PointFolder
-    from calibrant.targets.registry import parse_target
-    from calibrant.tasks.inputs.own_points import read_beside
-
-    wanted = parse_target(target)
-    if isinstance(wanted, PointFolder):
-        return read_beside(files, wanted, mirror_x=mirror_x, camera=camera)
-    with progress("Finding boards", quiet=quiet) as step:
-        return detect(
-            files,
-            target=wanted,
-            mirror_x=mirror_x,
-            workers=workers,
-            camera=camera,
-            cache=cache_folder(cache),
-            refinement=refinement or DEFAULT,
-            progress=step,
-        )
-
-
-def cache_folder(given: str | None) -> Path | None:
-    """The folder that keeps detections: the one given, none for that word, else the user's own if it can be used."""
-    from calibrant.detection.cache import Cache, default_folder
-
-    if given is not None:
-        return None if given == "none" else Path(given)
-    try:
-        return Cache.at(default_folder()).folder
-    except InputError:
-        # A user without a home of their own (a service, a container) has nothing kept, and needs nothing done.
-        return None
-
-
-def with_misses(result: CalibrationResult) -> CalibrationResult:
-    """The result with the images that showed no board among its views, each with the reason."""
-    from calibrant.data import ViewResult
-
-    if result.observations is None:
-        return result
-    known = {v.id for v in result.views}
-    missed = tuple(
-        ViewResult(m.id, False, 0, None, m.reason, m.camera) for m in result.observations.missed if m.id not in known
-    )
-    return replace(result, views=(*result.views, *missed))
+    """Find the target in every file, with progress."""
+    return task_session.detect_boards(
+        files, target, mirror_x=mirror_x, workers=workers, cache=cache, camera=camera, refinement=refinement,
+        listener=listener(silent=quiet),
+    )  # fmt: skip
 
 
 def finish(result: CalibrationResult, outputs: Outputs) -> None:

@@ -64,16 +64,19 @@ def methods(
     condition at a time. On your own points: the same against the full solution of all views.
     """
     from calibrant.cli import session
+    from calibrant.cli.progress import listener
     from calibrant.data.result_file import write_text
     from calibrant.studies import page as study_report
     from calibrant.studies import study as study_run
     from calibrant.tasks.inputs.sources import Source
+    from calibrant.tasks.options.images import SearchOptions
 
     outputs = session.Outputs(out, report, json, quiet, force)
     outputs.check()
     silent = quiet or json
     if images or observations is not None or target is not None:
-        source = Source(tuple(images or ()), target, observations, workers=workers, quiet=silent, cache=cache)
+        search = SearchOptions(workers=workers, cache=cache)
+        source = Source(tuple(images or ()), target, observations, search, listener=listener(silent=silent))
         files = source.files()
         outputs.spare(source.inputs(files))
         found = source.read(files)

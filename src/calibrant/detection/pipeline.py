@@ -6,11 +6,13 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.cancel import checkpoint
 from calibrant.data import DEFAULT_CAMERA, Missed, Observations, View
 from calibrant.data.file_names import distinct_names
 from calibrant.detection.cache import Cache, key_of
@@ -21,7 +23,7 @@ from calibrant.detection.images.likeness import notes_on_likeness
 from calibrant.detection.registry import detector_for
 from calibrant.detection.subpixel.refinement import DEFAULT, Refinement
 from calibrant.errors import DetectionError, InputError
-from calibrant.executors import executor_for
+from calibrant.executors import executor_for, in_order
 from calibrant.opencv import cv2
 from calibrant.targets.registry import parse_target
 from calibrant.targets.target import Target
@@ -117,6 +119,13 @@ def detect_file(file: Path, target: Target, mirror_x: bool, refinement: Refineme
     return ImageDetection(file, (w, h), detection, orientation_of(file))
 
 
+def _detect_files(
+    files: Sequence[Path], *, target: Target, mirror_x: bool, refinement: Refinement
+) -> list[ImageDetection]:
+    """The target in some files: what is handed to a process at once."""
+    return [detect_file(file, target, mirror_x, refinement) for file in files]
+
+
 def notes_on_orientation(orientations: Sequence[int]) -> list[str]:
     """What EXIF did to the images, where it turned any: the camera's axes are then those of the turned images."""
     asked = Counter(orientations)
@@ -153,14 +162,14 @@ def _run(
         if key is not None:
             keys[file] = key
     with executor_for(workers, len(todo)) as executor:
-        # Lists, not endless repeats: Dask's executor asks for their lengths.
-        tasks = (todo, [target] * len(todo), [mirror_x] * len(todo), [refinement] * len(todo))
+        search = partial(_detect_files, target=target, mirror_x=mirror_x, refinement=refinement)
         if executor is None:
-            results: Iterator[ImageDetection] = map(detect_file, *tasks)
+            results: Iterator[ImageDetection] = (one for file in todo for one in search([file]))
         else:
             together = max(1, min(MOST_TOGETHER, len(todo) // LEAST_TASKS))
-            results = executor.map(detect_file, *tasks, chunksize=together)
+            results = in_order(executor, search, [todo[i : i + together] for i in range(0, len(todo), together)])
         for result in results:
+            checkpoint()
             if cache is not None and result.size is not None and result.file in keys:
                 cache.put(keys[result.file], result.size, result.detection)
             yield result

@@ -14,6 +14,7 @@ from enum import Enum
 
 import numpy as np
 
+from calibrant.cancel import checkpoint
 from calibrant.errors import InputError
 from calibrant.optimize import linear
 from calibrant.optimize.linear import NormalEquations
@@ -126,6 +127,7 @@ def _advance(
 ) -> _Outcome:
     """Raise the damping until a step lowers the cost, or end."""
     while damping < MAX_DAMPING:
+        checkpoint()
         step = linear.solve(equations, damping)
         if step is None or not np.isfinite(step.predicted):
             damping, growth = max(damping, 1e-12) * growth, growth * 2

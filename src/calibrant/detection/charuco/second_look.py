@@ -10,11 +10,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from calibrant.cameras.camera import Camera
+from calibrant.cancel import checkpoint
 from calibrant.data import Observations, View
 from calibrant.detection.charuco.by_camera import maps_from_camera
 from calibrant.detection.charuco.corners import Corners
@@ -23,7 +25,7 @@ from calibrant.detection.detection import Detection
 from calibrant.detection.images.images import load_grey
 from calibrant.detection.subpixel.refinement import DEFAULT, Refinement
 from calibrant.errors import InputError
-from calibrant.executors import executor_for
+from calibrant.executors import executor_for, in_order
 from calibrant.opencv import cv2
 from calibrant.targets.charuco import Charuco
 from calibrant.targets.registry import parse_target
@@ -52,10 +54,13 @@ def look_again(
     files = [Path(observations.views[i].file or "") for i in todo]
     views = list(observations.views)
     with executor_for(workers, len(todo)) as executor:
-        mapping = map if executor is None else executor.map
-        count = len(todo)
-        options = ([target] * count, [camera] * count, [mirror_x] * count, [refinement] * count)
-        for i, found in zip(todo, mapping(_detect_again, files, *options), strict=True):
+        search = partial(_search_again, target=target, camera=camera, mirror_x=mirror_x, refinement=refinement)
+        parts = [[file] for file in files]
+        results = (
+            (one for part in parts for one in search(part)) if executor is None else in_order(executor, search, parts)
+        )
+        for i, found in zip(todo, results, strict=True):
+            checkpoint()
             if found is not None and len(found.point_ids) > len(views[i]):
                 views[i] = _with_points(views[i], found, target)
     gained = [len(new) - len(old) for new, old in zip(views, observations.views, strict=True)]
@@ -66,6 +71,13 @@ def look_again(
         f"{len(views)} images."
     )
     return replace(observations, views=tuple(views), notes=(*observations.notes, note))
+
+
+def _search_again(
+    files: Sequence[Path], *, target: Charuco, camera: Camera, mirror_x: bool, refinement: Refinement
+) -> list[Detection | None]:
+    """What some files show with the camera known: what is handed to a process at once."""
+    return [_detect_again(file, target, camera, mirror_x, refinement) for file in files]
 
 
 def _misses_some(view: View, target: Charuco, camera: Camera) -> bool:

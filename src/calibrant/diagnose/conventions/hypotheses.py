@@ -20,6 +20,7 @@ from calibrant.calibrate.cell.loop.errors import LoopErrors, errors_of, loop_con
 from calibrant.calibrate.cell.loop.motion import motion_report
 from calibrant.calibrate.solvers.park import park
 from calibrant.calibrate.solvers.relative import PosePairs, pair_indices, sample
+from calibrant.cancel import checkpoint
 from calibrant.errors import InputError
 from calibrant.formats.poses.notations import PoseNotation
 from calibrant.geometry import se3, so3
@@ -116,6 +117,7 @@ def rank(notations: Sequence[PoseNotation], T_camera_target: ArrayLike) -> tuple
     solved: dict[tuple[object, ...], Alternative] = {}
     out = []
     for notation in _sieved(notations, B):
+        checkpoint()
         for setup in SETUPS:
             # Inverted eye-in-hand and eye-to-hand are one set of equations: solve it once.
             inverted = (notation.direction == "gripper-base") != (setup == "eye-to-hand")

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from calibrant.calibrate.cell.loop.errors import loop_consistency
 from calibrant.calibrate.cell.starts.robust import log_misfit, robust_fit
+from calibrant.cancel import checkpoint
 from calibrant.data import Check
 from calibrant.diagnose.conventions.decide import ConventionDecision, decide
 from calibrant.diagnose.conventions.hypotheses import CONSISTENT, Alternative, Setup
@@ -76,6 +77,7 @@ def decide_poses(
         return _decision(plain, complete, None, inverted=inverted)
     trials = []
     for order in _orders(complete, B, rows):
+        checkpoint()
         try:
             decision = _decided(complete, B, rows, order, setup)
         except RefusedError:  # in this order two notations fit equally well: it is not the right one

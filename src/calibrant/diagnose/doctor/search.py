@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from calibrant.calibrate.cell.loop.errors import loop_consistency
+from calibrant.cancel import checkpoint
 from calibrant.diagnose.conventions.hypotheses import CONSISTENT
 from calibrant.diagnose.doctor import (
     bad_views,
@@ -89,7 +90,7 @@ def examine(case: Case) -> Examination:
     for ask in ONCE:
         current = _repaired(current, ask(current), found)
     for _ in range(MOST_ROUNDS):
-        proposals = [f for ask in EXPLAINING for f in ask(current)]
+        proposals = [f for ask in EXPLAINING for f in _asked(ask, current)]
         if not proposals:
             proposals = bad_views.examine(current)
             if not proposals:
@@ -106,6 +107,12 @@ def examine(case: Case) -> Examination:
     # Motions are judged by what is left: repairs may have left too little.
     left = motions.examine(current) if current is not case else still
     return Examination((*_merged(found), *left), case, current, case.loop, current.loop)
+
+
+def _asked(ask: Examine, case: Case) -> list[Finding]:
+    """What one question finds. Raises: CancelledError."""
+    checkpoint()
+    return ask(case)
 
 
 def _open_loop(case: Case) -> list[Finding]:

@@ -68,6 +68,11 @@ def write_intrinsics(
 
     Raises: InputError for a model that OpenCV does not have, or as `write_text`.
     """
+    return write_text(intrinsics_text(camera, rms_px=rms_px, created=created), path, force=force)
+
+
+def intrinsics_text(camera: Camera, *, rms_px: float | None = None, created: str | None = None) -> str:
+    """A camera as OpenCV YAML. Raises: InputError for a model that OpenCV does not have."""
     if not is_opencvs(camera):
         raise InputError(
             f"a {camera.model.name} camera cannot be written as OpenCV YAML, which holds {', '.join(_TERMS)}; "
@@ -89,7 +94,7 @@ def write_intrinsics(
     if camera.covariance is not None:
         values["parameter_names"] = " ".join(camera.model.parameter_names)
         values["parameter_sigma"] = np.array([[s] for s in camera.sigma.values()])
-    return write_text(yaml_text(values), path, force=force)
+    return yaml_text(values)
 
 
 def _is_opencv(data: Mapping[str, Any]) -> bool:

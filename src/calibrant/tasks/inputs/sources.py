@@ -1,4 +1,4 @@
-"""Where a command's observations come from: photos that it searches, or a file of points found before."""
+"""Where a task's observations come from: photos that it searches, or a file of points found before."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
-from calibrant.cli import session
 from calibrant.errors import InputError
+from calibrant.tasks import session
+from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.images import SearchOptions
+from calibrant.tasks.options.words import split_names
 
 if TYPE_CHECKING:
     from calibrant.cameras import Camera
@@ -26,12 +29,14 @@ class Source:
     images: tuple[str, ...] = ()
     target: str | None = None
     observations: Path | None = None
-    exclude: tuple[str, ...] = ()
-    mirror_x: bool = False
-    workers: str | None = None
-    quiet: bool = False
-    cache: str | None = None
+    search: SearchOptions = SearchOptions()
     refinement: Refinement | None = None
+    listener: Listener = SILENT
+
+    @property
+    def exclude(self) -> tuple[str, ...]:
+        """Names to leave out, each on its own."""
+        return split_names(self.search.exclude)
 
     def files(self) -> list[Path]:
         """The photos, without those excluded; none when the points are read from a file.
@@ -63,11 +68,11 @@ class Source:
             return session.detect_boards(
                 files,
                 self.target or "",
-                mirror_x=self.mirror_x,
-                workers=self.workers,
-                quiet=self.quiet,
-                cache=self.cache,
+                mirror_x=self.search.mirror_x,
+                workers=self.search.workers,
+                cache=self.search.cache,
                 refinement=self.refinement,
+                listener=self.listener,
             )
         from calibrant.data.result_file import read_observations
 
@@ -90,9 +95,13 @@ class Source:
         from calibrant.detection.charuco.second_look import look_again
         from calibrant.detection.subpixel.refinement import DEFAULT
 
-        with session.status("Looking again, with the camera …", quiet=self.quiet):
+        with self.listener.status("Looking again, with the camera …"):
             return look_again(
-                found, camera, workers=self.workers, mirror_x=self.mirror_x, refinement=self.refinement or DEFAULT
+                found,
+                camera,
+                workers=self.search.workers,
+                mirror_x=self.search.mirror_x,
+                refinement=self.refinement or DEFAULT,
             )
 
     def inputs(self, files: Sequence[Path]) -> list[Path]:
@@ -106,7 +115,7 @@ class Source:
     def _check_file_alone(self) -> None:
         if self.images:
             raise InputError("give photos or --observations FILE, not both")
-        if self.mirror_x:
+        if self.search.mirror_x:
             raise InputError(
                 "--mirror-x flips photos; the points in --observations are taken as they are: leave it out"
             )

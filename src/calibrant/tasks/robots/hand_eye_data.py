@@ -14,6 +14,8 @@ from calibrant.cli import session
 from calibrant.errors import InputError, RefusedError
 from calibrant.tasks.inputs.robot_choice import RobotChoice
 from calibrant.tasks.inputs.sources import Source, kept
+from calibrant.tasks.listener import SILENT
+from calibrant.tasks.options.images import SearchOptions
 
 if TYPE_CHECKING:
     from calibrant.cameras import Camera
@@ -55,17 +57,9 @@ class Request:
     @property
     def source(self) -> Source:
         """Where the points come from."""
-        return Source(
-            self.images,
-            self.target,
-            self.observations,
-            self.exclude,
-            self.mirror_x,
-            self.workers,
-            self.quiet,
-            self.cache,
-            self.refinement,
-        )
+        search = SearchOptions(mirror_x=self.mirror_x, exclude=self.exclude, workers=self.workers, cache=self.cache)
+        listener = SILENT
+        return Source(self.images, self.target, self.observations, search, self.refinement, listener)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,57 @@
+"""Stopping long work on request: whoever starts it holds a token, the work asks for it once a step.
+
+    token = Token()
+    with cancellable(token):      # in the thread that works
+        ...                       # token.cancel() from any other thread
+
+`checkpoint` stands in every loop that a person may wait for: each step of the optimizer, each image, each hypothesis
+of the doctor. Cancelled work raises CancelledError at the next of them and writes nothing. A token stays cancelled, so
+that code that takes an error for an answer (one hypothesis of many does not fit) is stopped at its next step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from threading import Event
+
+from calibrant.errors import CancelledError
+
+__all__ = ["CancelledError", "Token", "cancellable", "checkpoint"]
+
+
+class Token:
+    """Says whether work is to stop; safe to use from any thread."""
+
+    def __init__(self) -> None:
+        self._asked = Event()
+
+    def cancel(self) -> None:
+        """Ask the work to stop at its next step."""
+        self._asked.set()
+
+    @property
+    def cancelled(self) -> bool:
+        """Whether the work was asked to stop."""
+        return self._asked.is_set()
+
+
+_token: ContextVar[Token | None] = ContextVar("calibrant-cancel", default=None)
+
+
+@contextmanager
+def cancellable(token: Token) -> Iterator[None]:
+    """What runs inside, in this thread, stops when the token is cancelled."""
+    before = _token.set(token)
+    try:
+        yield
+    finally:
+        _token.reset(before)
+
+
+def checkpoint() -> None:
+    """Raises: CancelledError when the work that this is a step of was asked to stop."""
+    token = _token.get()
+    if token is not None and token.cancelled:
+        raise CancelledError("cancelled; nothing was written")

@@ -1,0 +1,163 @@
+"""A command line read into a task's Request: cyclopts parses, the Request says what there is to parse."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
+
+from calibrant.cli.outputs import OutputOptions, Places, output_fields, places_of
+from calibrant.errors import InputError
+from calibrant.tasks.options.fields import Field, build, spread
+from calibrant.tasks.registry import TASKS, Entry, Task
+
+if TYPE_CHECKING:
+    from cyclopts import App
+
+
+class UsageError(InputError):
+    """Arguments that the command does not have, or that it misses."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command with its task loaded."""
+
+    name: str
+    entry: Entry
+    task: Task
+
+    @classmethod
+    def of(cls, name: str) -> Command:
+        """The command of that name in the registry."""
+        return cls(name, TASKS[name], TASKS[name].load())
+
+    @property
+    def fields(self) -> tuple[Field, ...]:
+        """Every option: the Request's, then where results go."""
+        return (*spread(self.task.Request), *output_fields(self.entry))
+
+    @property
+    def flags(self) -> set[str]:
+        """The options' names on the command line, long and short."""
+        named = [f for f in self.fields if not f.option.positional]
+        return {flag for f in named for flag in (f.flag, f.option.short) if flag} | {"--help", "-h"}
+
+
+@dataclass(frozen=True)
+class Call:
+    """What a person asked for."""
+
+    request: Any
+    outputs: OutputOptions
+    places: Places
+
+
+def parse(command: Command, arguments: Sequence[str]) -> Call:
+    """The request on a command line. Raises: UsageError for arguments that are none of the command's."""
+    from cyclopts import CycloptsError
+
+    try:
+        values = _app_of(command)(
+            ended_names(command.fields, arguments), exit_on_error=False, print_error=False, help_on_error=False
+        )
+    except CycloptsError as error:
+        raise UsageError(_misuse(error, command)) from None
+    request = build(command.task.Request, values)
+    places = places_of(command.fields, values, getattr(command.task, "BESIDE", None))
+    return Call(request, build(OutputOptions, values), places)
+
+
+def _app_of(command: Command) -> App:
+    """A parser of the command's arguments that gives their values by name."""
+    from cyclopts import App
+
+    app = App(name=f"calibrant {command.name}", help_flags=(), version_flags=(), result_action="return_value")
+    app.default(collector(command))
+    return app
+
+
+def collector(command: Command) -> Any:
+    """A function with the command's options for a signature, that gives back what it is called with."""
+
+    def collected(*positional: str, **values: Any) -> dict[str, Any]:
+        return {**values, **({first.name: positional} if first is not None else {})}
+
+    first = next((f for f in command.fields if f.option.positional and f.many), None)
+    parameters = [_parameter(field) for field in sorted(command.fields, key=lambda f: not f.option.positional)]
+    collected.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    collected.__annotations__ = {p.name: p.annotation for p in parameters}
+    collected.__doc__ = inspect.getdoc(command.task.Request)
+    return collected
+
+
+def _parameter(field: Field) -> inspect.Parameter:
+    """An option as cyclopts takes it."""
+    from cyclopts import Parameter
+
+    if field.option.positional:
+        said = Parameter(name=field.option.metavar or field.name, help=field.help, required=field.required)
+        kind = inspect.Parameter.VAR_POSITIONAL if field.many else inspect.Parameter.POSITIONAL_ONLY
+        return inspect.Parameter(field.name, kind, annotation=Annotated[str if field.many else field.inner, said])
+    said = Parameter(
+        name=(field.flag, field.option.short) if field.option.short else field.flag,
+        help=field.help,
+        negative=(),
+        consume_multiple=field.many or None,
+        allow_repeating=True,
+    )
+    default = inspect.Parameter.empty if field.required else field.default
+    return inspect.Parameter(
+        field.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[field.kind, said]
+    )
+
+
+def ended_names(fields: Sequence[Field], arguments: Sequence[str]) -> list[str]:
+    """The arguments with words that can be no parameter's name taken out of --fix and put in front of all:
+    `--fix k3 photos/*.jpg` names photos."""
+    names = {flag for f in fields if f.option.names for flag in (f.flag, f.option.short) if flag}
+    front: list[str] = []
+    rest: list[str] = []
+    current, values = "", 0
+    for argument in arguments:
+        if argument.startswith("-"):
+            current, values = argument, 0
+        elif current in names and values and not argument.replace(",", "").isalnum():
+            current = ""
+            front.append(argument)
+            continue
+        elif current == "":
+            front.append(argument)
+            continue
+        else:
+            values += 1
+        rest.append(argument)
+    return [*front, *rest]
+
+
+def _misuse(error: Exception, command: Command) -> str:
+    """What is wrong with the arguments, in words."""
+    from cyclopts import MissingArgumentError, UnknownOptionError, UnusedCliTokensError
+
+    argument = getattr(error, "argument", None)
+    if isinstance(error, UnknownOptionError):
+        return f"No such option: {error.token.keyword or error.token.value}{_nearest(error.token.keyword, command)}"
+    if isinstance(error, UnusedCliTokensError):
+        return f"Unexpected argument: {' '.join(error.unused_tokens or ())}"
+    if isinstance(error, MissingArgumentError) and argument is not None:
+        given = error.keyword
+        return f"{given} needs a value" if given else f"{argument.name} is missing"
+    return " ".join(str(error).split()).rstrip(".")
+
+
+def _nearest(flag: str | None, command: Command) -> str:
+    from difflib import get_close_matches
+
+    near = get_close_matches(flag or "", sorted(command.flags), n=1)
+    return f" (did you mean {near[0]}?)" if near else ""
+
+
+def values_of(command: Command, arguments: Sequence[str]) -> Mapping[str, Any]:
+    """What the arguments say, by option."""
+    return _app_of(command)(ended_names(command.fields, arguments), exit_on_error=False, print_error=False)

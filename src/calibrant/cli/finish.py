@@ -1,0 +1,107 @@
+"""What is done with an outcome on a command line: shown, written whole or not at all, said where; its exit status."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from calibrant.cli.command import Call
+from calibrant.cli.outputs import beside_of
+from calibrant.errors import RefusedError
+from calibrant.tasks.outcome import Document, Outcome
+from calibrant.tasks.writing import write_documents
+
+if TYPE_CHECKING:
+    from calibrant.data import CalibrationResult
+
+_LISTED = 3
+"""Files of one folder that are named; of more, their number."""
+
+
+def finish(outcome: Outcome, call: Call) -> None:
+    """Write the documents, show the summary, say what was written. Raises: InputError; the outcome's own refusal."""
+    outputs = call.outputs
+    written = write_documents(_documents(outcome, call), force=outputs.force)
+    if outputs.json and outcome.result is not None:
+        from calibrant.data.result_file import result_text
+
+        sys.stdout.write(result_text(outcome.result) + "\n")
+    elif not outputs.silent:
+        _show(outcome)
+        if written:
+            sys.stdout.write(f"\nWritten: {', '.join(_listed(written))}\n")
+    if outcome.refusal is not None:
+        raise outcome.refusal
+
+
+def explained(error: RefusedError, call: Call) -> RefusedError:
+    """A refused calibration writes no result, but its report, when asked for: it shows why."""
+    from calibrant.data import CalibrationResult
+    from calibrant.tasks.session import with_misses
+
+    report = call.outputs.report
+    if report is None or not isinstance(error.result, CalibrationResult):
+        return error
+    page = Document(report, partial(_page, with_misses(error.result)))
+    write_documents([page], force=call.outputs.force)
+    return RefusedError(f"{error}\ncalibrant: {report} shows the refused calibration")
+
+
+def _documents(outcome: Outcome, call: Call) -> Iterator[Document]:
+    """Every file of a command: the result, what stands beside it, what was asked for, and the report."""
+    outputs, result = call.outputs, outcome.result
+    if outputs.out is not None and result is not None:
+        yield Document(outputs.out, partial(_result_bytes, result))
+        for document in outcome.beside:
+            yield replace(document, path=beside_of(outputs.out, document.path.name, force=outputs.force))
+    yield from outcome.documents
+    if outputs.report is not None and result is not None:
+        yield Document(outputs.report, _page_maker(outcome, result))
+
+
+def _result_bytes(result: CalibrationResult) -> bytes:
+    from calibrant.data.result_file import result_text
+
+    return (result_text(result) + "\n").encode()
+
+
+def _page_maker(outcome: Outcome, result: CalibrationResult) -> partial[bytes]:
+    return partial(_page, result) if outcome.page is None else partial(_encoded, outcome)
+
+
+def _encoded(outcome: Outcome) -> bytes:
+    return b"" if outcome.page is None else outcome.page().encode()
+
+
+def _page(result: CalibrationResult) -> bytes:
+    from calibrant.reports.html import render_report
+
+    return render_report(result, images={}).encode()
+
+
+def _show(outcome: Outcome) -> None:
+    from rich.console import Console
+    from rich.text import Text
+
+    if outcome.summary is not None:
+        words = outcome.summary()
+        # Lines of text are as long as their words; what Rich lays out itself is laid into the terminal's width.
+        Console().print(words, soft_wrap=isinstance(words, Text))
+    elif outcome.result is not None:
+        from calibrant.reports.terminal import summary
+
+        Console().print(summary(outcome.result))
+
+
+def _listed(written: list[Path]) -> list[str]:
+    """The files by name; of many in one folder, how many."""
+    folders: dict[Path, list[Path]] = {}
+    for path in written:
+        folders.setdefault(path.parent, []).append(path)
+    many = {folder for folder, paths in folders.items() if len(paths) > _LISTED}
+    out = [str(path) for path in written if path.parent not in many]
+    return [*out, *(f"{len(folders[folder])} files in {folder}" for folder in many)]

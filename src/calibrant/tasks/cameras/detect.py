@@ -1,0 +1,94 @@
+"""Find a board in photos, and say where it was not found and why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from calibrant.tasks import session
+from calibrant.tasks.inputs.sources import Source
+from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.images import CornerOptions, PhotoOptions, SearchOptions
+from calibrant.tasks.options.option import Option
+from calibrant.tasks.outcome import Document, Outcome
+
+if TYPE_CHECKING:
+    from calibrant.data import CalibrationResult, Observations, View
+
+EXAMPLE = 'cb.detect("photos/*.jpg", target="chessboard:9x6:25mm")'
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """Find a board in photos, point by point.
+
+    calibrant detect photos/*.jpg --target chessboard:9x6:25mm --out observations.json --overlays seen
+
+    Prints how many points each photo shows, or why none. The file goes to --observations of other commands.
+    """
+
+    photos: PhotoOptions = PhotoOptions()
+    search: SearchOptions = SearchOptions()
+    corners: CornerOptions = CornerOptions()
+    overlays: Annotated[Path | None, Option("DIR", output="folder")] = None
+    """Draw what was found over each photo, into this folder."""
+
+
+def reads(request: Request) -> list[Path]:
+    """The photos."""
+    source = _source(request, SILENT)
+    return source.inputs(source.files())
+
+
+def run(request: Request, listener: Listener = SILENT) -> Outcome:
+    """The points of every photo. Raises: InputError; DetectionError when no photo shows the board."""
+    from calibrant.reports.detections import table
+
+    source = _source(request, listener)
+    files = source.files()
+    found = source.read(files)
+    result = _observations_result(found, source.inputs(files), mirror_x=request.search.mirror_x)
+    return Outcome(result=result, documents=_pictures(found, request), summary=partial(table, found))
+
+
+def _source(request: Request, listener: Listener) -> Source:
+    return Source(
+        images=request.photos.images,
+        target=request.photos.target,
+        search=request.search,
+        refinement=request.corners.refinement(),
+        listener=listener,
+    )
+
+
+def _observations_result(found: Observations, inputs: list[Path], *, mirror_x: bool) -> CalibrationResult:
+    """The content of an observations file."""
+    from calibrant.data import CalibrationResult, ViewResult
+    from calibrant.data.verdicts import stamp
+
+    views = tuple(ViewResult(v.id, True, len(v), camera=v.camera) for v in found.views)
+    options = {"mirror_x": True} if mirror_x else {}
+    records = session.file_records(inputs)
+    result = CalibrationResult("observations", "ok", views=views, options=options, inputs=records, observations=found)
+    return stamp(session.with_misses(result))
+
+
+def _pictures(found: Observations, request: Request) -> Iterator[Document]:
+    """A picture of each view; folders in a view's name, which tell photos of one name apart, become part of it."""
+    folder = request.overlays
+    if folder is not None:
+        for view in found.views:
+            path = folder / (view.id.replace("/", "_") + ".png")
+            yield Document(path, partial(_drawn, view, mirror_x=request.search.mirror_x))
+
+
+def _drawn(view: View, *, mirror_x: bool) -> bytes:
+    from calibrant.detection.images.images import load_grey
+    from calibrant.detection.images.overlay import draw
+    from calibrant.opencv import cv2
+
+    image = load_grey(view.file or view.id)
+    return bytes(cv2.imencode(".png", draw(image[:, ::-1] if mirror_x else image, view))[1])

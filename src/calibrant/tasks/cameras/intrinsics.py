@@ -1,0 +1,127 @@
+"""Calibrate a camera: points, calibration, a second look at the photos with the camera known, review."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from calibrant.tasks import session
+from calibrant.tasks.inputs.sources import Source
+from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.cameras import LensOptions
+from calibrant.tasks.options.images import CornerOptions, PhotoOptions, PointsOptions, SearchOptions
+from calibrant.tasks.options.option import Option
+from calibrant.tasks.options.words import pixels, split_names
+from calibrant.tasks.outcome import Document, Outcome
+
+if TYPE_CHECKING:
+    from calibrant.data import CalibrationResult, Observations
+
+EXAMPLE = 'cb.intrinsics("photos/*.jpg", target="chessboard:9x6:25mm", model="brown")'
+BESIDE = "Intr.yml"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """Calibrate a camera from photos of a printed board.
+
+    calibrant intrinsics photos/*.jpg --target chessboard:9x6:25mm --out camera.json --report camera.html
+
+    Prints every parameter with its 1 and 3 sigma, each photo's error, and what was left out and why.
+    """
+
+    photos: PhotoOptions = PhotoOptions()
+    points: PointsOptions = PointsOptions()
+    lens: LensOptions = LensOptions()
+    initial: Annotated[Path | None, Option("FILE")] = None
+    """Start from this camera file (any format)."""
+    max_error: Annotated[str | None, Option("PX")] = None
+    """Leave out points with a larger error, e.g. 1.0px, and calibrate again."""
+    target_shape: Annotated[str, Option("flat|paraboloid|free")] = "flat"
+    """Estimate the board's own shape with the camera: its bend, or every point."""
+    search: SearchOptions = SearchOptions()
+    corners: CornerOptions = CornerOptions()
+    opencv_yaml: Annotated[Path | None, Option("FILE.yml", output="file")] = None
+    """Write the camera in OpenCV's format here; with --out, without this: Intr.yml beside it (left-Intr.yml beside
+    left.json, where there is an Intr.yml already)."""
+
+
+def reads(request: Request) -> list[Path]:
+    """The photos or the file of points, and the camera to start from."""
+    source = _source(request, SILENT)
+    return [*source.inputs(source.files()), *([request.initial] if request.initial else [])]
+
+
+def run(request: Request, listener: Listener = SILENT) -> Outcome:
+    """The camera, reviewed. Raises: InputError; RefusedError with the result that failed its checks."""
+    from calibrant.data.verdicts import refuse_if_failed
+    from calibrant.diagnose.review import review
+
+    source = _source(request, listener)
+    limit = pixels(request.max_error, option="--max-error")
+    files = source.files()
+    found = source.read(files)
+    session.load_solver(listener)
+    with listener.status("Calibrating …"):
+        result = _calibrated(found, request, limit)
+    more = source.look_again(found, result.camera)
+    if more is not found:
+        with listener.status("Calibrating …"):
+            result = _calibrated(more, request, limit)
+    if request.search.mirror_x:
+        result = replace(result, options={**result.options, "mirror_x": True})
+    result = replace(result, inputs=session.file_records(reads(request)))
+    result = review(session.with_misses(result))
+    refuse_if_failed(result)
+    return Outcome(result=result, documents=_asked_for(result, request), beside=_beside(result, request))
+
+
+def _source(request: Request, listener: Listener) -> Source:
+    return Source(
+        images=request.photos.images,
+        target=request.photos.target,
+        observations=request.points.observations,
+        search=request.search,
+        refinement=request.corners.refinement(),
+        listener=listener,
+    )
+
+
+def _calibrated(found: Observations, request: Request, limit: float | None) -> CalibrationResult:
+    from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics
+    from calibrant.formats.cameras.read import read_camera
+
+    size = next(iter(found.image_sizes.values()))
+    start = None if request.initial is None else read_camera(request.initial, image_size=size)
+    return calibrate_intrinsics(
+        found,
+        model=request.lens.model,
+        fix=split_names(request.lens.fix),
+        initial=start,
+        max_error_px=limit,
+        target_shape=request.target_shape,
+    )
+
+
+def _asked_for(result: CalibrationResult, request: Request) -> tuple[Document, ...]:
+    """The camera in OpenCV's format where it was asked for by name."""
+    if request.opencv_yaml is None:
+        return ()
+    return (Document(request.opencv_yaml, partial(_in_opencvs_format, result)),)
+
+
+def _beside(result: CalibrationResult, request: Request) -> tuple[Document, ...]:
+    """Intr.yml goes along with the result file where OpenCV has the model."""
+    from calibrant.formats.cameras.opencv import is_opencvs
+
+    if request.opencv_yaml is not None or not is_opencvs(result.camera):
+        return ()
+    return (Document(Path(BESIDE), partial(_in_opencvs_format, result)),)
+
+
+def _in_opencvs_format(result: CalibrationResult) -> bytes:
+    from calibrant.formats.cameras.opencv import intrinsics_text
+
+    return intrinsics_text(result.camera, rms_px=result.rms_px).encode()

@@ -1,0 +1,46 @@
+"""Options that say where robot poses are and how they are written."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
+
+from calibrant.tasks.options.option import Option
+
+if TYPE_CHECKING:
+    from calibrant.formats.poses.read import RawPoses
+    from calibrant.tasks.options.robots import RobotOptions
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseOptions:
+    """How robot poses are written; auto: decided from the data."""
+
+    pose_units: Annotated[str, Option("UNIT")] = "auto"
+    """Unit of positions: auto, m, mm, cm or in."""
+    pose_rotation: Annotated[str, Option("FORM")] = "auto"
+    """auto, quat-xyzw, quat-wxyz, rotvec, euler:ZYX, euler:xyz …, matrix."""
+    pose_angle: Annotated[str, Option("UNIT")] = "auto"
+    """auto, deg or rad."""
+    pose_direction: Annotated[str, Option("NAME")] = "auto"
+    """auto, base-gripper or gripper-base."""
+
+    def read(self, files: Sequence[str], arm: RobotOptions) -> RawPoses:
+        """The poses of the files. Raises: InputError as `read_poses`."""
+        from calibrant.formats.poses.read import read_poses
+
+        return read_poses(
+            list(files), units=self.pose_units, rotation=self.pose_rotation, angle=self.pose_angle,
+            direction=self.pose_direction, robot=arm.chain(), joint_angle=arm.joint_angle, maker=arm.robot_format,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class TargetPoseOptions:
+    """Measured poses of the target in place of photos."""
+
+    target_poses: Annotated[tuple[str, ...], Option("FILES")] = ()
+    """Poses of the target in the camera, instead of photos."""
+    target_pose_rotation: Annotated[str, Option("FORM")] = "auto"
+    """The same of --target-poses, where the data cannot tell."""

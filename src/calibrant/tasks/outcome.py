@@ -1,0 +1,44 @@
+"""What a task hands back: a result, and what is to be written; whoever called the task renders and writes it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from calibrant.data import CalibrationResult
+    from calibrant.errors import RefusedError
+
+
+@dataclass(frozen=True)
+class Document:
+    """A file to be written whole or not at all. content: its bytes, or what makes them when their turn comes, so that
+    of a thousand pictures one at a time is in memory."""
+
+    path: Path
+    content: bytes | Callable[[], bytes]
+
+    def bytes(self) -> bytes:
+        """The content, made now where it is made late."""
+        return self.content if isinstance(self.content, bytes) else self.content()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """The end of a task.
+
+    result: the reviewed result; None for tasks that only make documents.
+    documents: what was asked for by name, written by whoever called the task, all or none of them.
+    beside: documents that accompany the result file, where one is written; their paths are file names alone.
+    summary, page: a terminal's words (a Rich renderable or text) and an HTML page, where they are not those that every
+    result has. refusal: raised when all is shown and written: the task did its work, and its answer is no.
+    """
+
+    result: CalibrationResult | None = None
+    documents: Iterable[Document] = ()
+    beside: tuple[Document, ...] = ()
+    summary: Callable[[], Any] | None = None
+    page: Callable[[], str] | None = None
+    refusal: RefusedError | None = None

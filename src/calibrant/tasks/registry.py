@@ -1,0 +1,55 @@
+"""Every command and its task: one line each. A new command is one file and one line here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any, Protocol
+
+from calibrant.tasks.listener import Listener
+from calibrant.tasks.outcome import Outcome
+
+
+class Task(Protocol):
+    """A module that does a command's work; `reads` and `BESIDE` where it has them (see `reads_of`)."""
+
+    Request: type
+    EXAMPLE: str
+
+    @property
+    def run(self) -> Callable[[Any, Listener], Outcome]:
+        """From a request to its outcome."""
+        ...
+
+
+@dataclass(frozen=True)
+class Entry:
+    """module: where the task is; words: one line for lists; outputs: the files that every result can go to, of "out",
+    "report" and "json"; out: what --out is, where it is no result file."""
+
+    module: str
+    words: str
+    outputs: tuple[str, ...] = ("out", "report", "json")
+    out: str = "Write the result file (JSON) here."
+
+    def load(self) -> Task:
+        """The task's module."""
+        return import_module(f"calibrant.tasks.{self.module}")
+
+
+TASKS = {
+    "detect": Entry(
+        "cameras.detect", "Find a board in photos.", ("out", "json"), "Write the observations file (JSON) here."
+    ),
+    "intrinsics": Entry("cameras.intrinsics", "Calibrate a camera from photos of a board."),
+}
+"""Every command by its words: "intrinsics", "tool touch"."""
+GROUPS: dict[str, str] = {}
+"""What each group of commands is about: the first word of those that have two."""
+
+
+def reads_of(task: Task, request: Any) -> list[str]:
+    """The files that a request names to be read. Raises: InputError where they are not there."""
+    reads = getattr(task, "reads", None)
+    return [] if reads is None else [str(file) for file in reads(request)]

@@ -1,0 +1,106 @@
+"""What many tasks do around their calculation: boards found, kernels loaded, inputs recorded, misses listed."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from calibrant.errors import InputError
+from calibrant.tasks.listener import SILENT, Listener
+
+if TYPE_CHECKING:
+    from calibrant.data import CalibrationResult, Observations
+    from calibrant.detection.subpixel.refinement import Refinement
+
+_LOADING = "Loading the solver (the first run compiles it, which takes up to a minute) …"
+
+
+def load_solver(listener: Listener = SILENT) -> None:
+    """Load the kernels for photos; the first run on a machine compiles them, which a person should know."""
+    with listener.status(_LOADING):
+        from calibrant.calibrate.classical import planar_kernels
+        from calibrant.calibrate.reprojection import kernels as reprojection_kernels
+        from calibrant.optimize import linear_kernels
+
+        _ = (planar_kernels, reprojection_kernels, linear_kernels)
+
+
+def load_pose_solver(listener: Listener = SILENT) -> None:
+    """Load the kernels for poses alone, which are far fewer than those for photos."""
+    with listener.status(_LOADING):
+        from calibrant.optimize import linear_kernels, pose_kernels
+
+        _ = (linear_kernels, pose_kernels)
+
+
+def file_records(files: Iterable[str | Path]) -> tuple[dict[str, str], ...]:
+    """Name and SHA-256 of every input file, so that a result says what it was made from."""
+    records = []
+    for file in dict.fromkeys(str(f) for f in files):
+        path = Path(file)
+        if path.is_file():
+            records.append({"file": file, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()})
+    return tuple(records)
+
+
+def detect_boards(
+    files: Sequence[Path],
+    target: str,
+    *,
+    mirror_x: bool,
+    workers: str | None,
+    cache: str | None = None,
+    camera: str = "camera",
+    refinement: Refinement | None = None,
+    listener: Listener = SILENT,
+) -> Observations:
+    """Find the target in every file, with progress. Args: cache: as `cache_folder` takes it."""
+    from calibrant.detection import detect
+    from calibrant.detection.subpixel.refinement import DEFAULT
+    from calibrant.targets.point_folder import PointFolder
+    from calibrant.targets.registry import parse_target
+    from calibrant.tasks.inputs.own_points import read_beside
+
+    wanted = parse_target(target)
+    if isinstance(wanted, PointFolder):
+        return read_beside(files, wanted, mirror_x=mirror_x, camera=camera)
+    with listener.progress("Finding boards") as step:
+        return detect(
+            files,
+            target=wanted,
+            mirror_x=mirror_x,
+            workers=workers,
+            camera=camera,
+            cache=cache_folder(cache),
+            refinement=refinement or DEFAULT,
+            progress=step,
+        )
+
+
+def cache_folder(given: str | None) -> Path | None:
+    """The folder that keeps detections: the one given, none for that word, else the user's own if it can be used."""
+    from calibrant.detection.cache import Cache, default_folder
+
+    if given is not None:
+        return None if given == "none" else Path(given)
+    try:
+        return Cache.at(default_folder()).folder
+    except InputError:
+        # A user without a home of their own (a service, a container) has nothing kept, and needs nothing done.
+        return None
+
+
+def with_misses(result: CalibrationResult) -> CalibrationResult:
+    """The result with the images that showed no board among its views, each with the reason."""
+    from calibrant.data import ViewResult
+
+    if result.observations is None:
+        return result
+    known = {v.id for v in result.views}
+    missed = tuple(
+        ViewResult(m.id, False, 0, None, m.reason, m.camera) for m in result.observations.missed if m.id not in known
+    )
+    return replace(result, views=(*result.views, *missed))

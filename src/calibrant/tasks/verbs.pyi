@@ -1,0 +1,50 @@
+# Written by calibrant.tasks.signatures from the Requests; a test says when it is old.
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from calibrant.data import CalibrationResult
+from calibrant.tasks.registry import Entry, Task
+
+Words = str | Path | Iterable[str | Path] | Mapping[str, str | Path | Iterable[str | Path]]
+"""One value, several of them, or several by the name of a camera or robot."""
+
+VERBS: dict[str, str]
+
+def verb(name: str) -> Callable[..., CalibrationResult | None]: ...
+def signature_of(task: Task) -> Any: ...
+def documentation(name: str, entry: Entry, task: Task) -> str: ...
+def detect(
+    images: Words = (),
+    *,
+    target: str | None = None,
+    mirror_x: bool = False,
+    exclude: Words = (),
+    workers: str | None = None,
+    cache: str | None = None,
+    refine: str = "saddle",
+    window: str | None = None,
+    zero_zone: str | None = None,
+    overlays: str | Path | None = None,
+    force: bool = False,
+) -> CalibrationResult: ...
+def intrinsics(
+    images: Words = (),
+    *,
+    target: str | None = None,
+    observations: str | Path | None = None,
+    model: str = "brown",
+    fix: Words = (),
+    initial: str | Path | None = None,
+    max_error: str | None = None,
+    target_shape: str = "flat",
+    mirror_x: bool = False,
+    exclude: Words = (),
+    workers: str | None = None,
+    cache: str | None = None,
+    refine: str = "saddle",
+    window: str | None = None,
+    zero_zone: str | None = None,
+    opencv_yaml: str | Path | None = None,
+    force: bool = False,
+) -> CalibrationResult: ...

@@ -1,0 +1,109 @@
+"""Documents written all or none: each beside its place first, then all moved there. For those who call tasks."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterable
+from pathlib import Path
+
+from calibrant.cancel import checkpoint
+from calibrant.errors import InputError
+from calibrant.tasks.outcome import Document
+
+
+def check_writable(path: Path, *, force: bool) -> None:
+    """Raises: InputError when a file cannot be written there, or exists and `force` is False."""
+    if path.is_dir():
+        raise InputError(f"cannot write {path}: it is a folder; give a file name")
+    if path.exists() and not force:
+        raise InputError(f"{path} exists already; give another name, or --force to replace it")
+    if not path.parent.is_dir():
+        raise InputError(f"cannot write {path}: there is no folder {path.parent}; make it first")
+    if not os.access(path.parent, os.W_OK):
+        raise InputError(f"cannot write {path}: the folder {path.parent} is not writable")
+
+
+def check_folder(path: Path, *, option: str) -> None:
+    """Raises: InputError when files cannot be written into this folder, which need not be there yet."""
+    if path.is_dir():
+        return
+    if path.exists():
+        raise InputError(f"{option} {path} is a file; give a folder")
+    if not path.parent.is_dir():
+        raise InputError(f"{option} {path}: there is no folder {path.parent}; make it first")
+
+
+def write_documents(documents: Iterable[Document], *, force: bool) -> list[Path]:
+    """Write every document, or none; returns where they are. A folder that is not there is made for them.
+
+    Raises: InputError for a file that exists (unless `force`) or cannot be written; and whatever making a document
+    raises. Then every file is as it was before.
+    """
+    drafts: dict[Path, Path] = {}
+    made: list[Path] = []
+    try:
+        for document in documents:
+            checkpoint()
+            _write_draft(document, drafts, made, force=force)
+        return _moved(drafts)
+    except BaseException:
+        for draft in drafts.values():
+            draft.unlink(missing_ok=True)
+        for folder in reversed(made):
+            folder.rmdir()
+        raise
+
+
+def _write_draft(document: Document, drafts: dict[Path, Path], made: list[Path], *, force: bool) -> None:
+    path = document.path
+    if not path.parent.exists() and path.parent.parent.is_dir():
+        path.parent.mkdir()
+        made.append(path.parent)
+    check_writable(path, force=force)
+    if path in drafts:
+        raise InputError(f"two outputs would be written to {path}; give each a name of its own")
+    content = document.bytes()
+    target = Path(os.path.realpath(path))  # a link stays a link: the file behind it is replaced
+    drafts[path] = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+    try:
+        with open(drafts[path], "wb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror or error}") from None
+
+
+def _moved(drafts: dict[Path, Path]) -> list[Path]:
+    """Every draft moved to its place; what stood there comes back when one of them cannot be moved."""
+    before: dict[Path, Path | None] = {}
+    try:
+        for path, draft in drafts.items():
+            if len(drafts) > 1:
+                before[path] = _second_name(path)
+            draft.replace(os.path.realpath(path))
+    except OSError as error:
+        for place, old in before.items():
+            if old is None:
+                place.unlink(missing_ok=True)
+            else:
+                old.replace(place)
+        raise InputError(f"cannot write {path}: {error.strerror or error}; nothing was written") from None
+    for old in before.values():
+        if old is not None:
+            old.unlink(missing_ok=True)
+    return list(drafts)
+
+
+def _second_name(path: Path) -> Path | None:
+    """The old file under a second name too; None where there is none."""
+    if not path.exists():
+        return None
+    old = path.with_name(f".{path.name}.{os.getpid()}.old")
+    old.unlink(missing_ok=True)
+    try:
+        os.link(path, old)
+    except OSError:  # a file system without links
+        shutil.copy2(path, old)
+    return old

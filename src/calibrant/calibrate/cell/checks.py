@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibrant.calibrate.cell.loop.errors import LoopErrors
 from calibrant.calibrate.cell.loop.image_poses import ImagePoses
-from calibrant.calibrate.cell.loop.motion import MotionReport
 from calibrant.calibrate.cell.loop.noise import LoopNoise
 from calibrant.calibrate.cell.starts.seed import Seed
 from calibrant.calibrate.cell.views import HandEyeViews
+from calibrant.calibrate.solvers.loop_errors import LoopErrors
+from calibrant.calibrate.solvers.motion import MotionReport
 from calibrant.calibrate.solvers.setup import SETUPS, Setup
 from calibrant.data import Check, HeldOut, SigmaRobot
 from calibrant.optimize.solution import Solution

@@ -17,9 +17,7 @@ from calibrant.calibrate.cell.boards.turned import agreeing
 from calibrant.calibrate.cell.by_method import JOINT, answered_by, require_method
 from calibrant.calibrate.cell.consistency import inconsistent_views
 from calibrant.calibrate.cell.held_out import leave_out
-from calibrant.calibrate.cell.loop.errors import loop_errors
 from calibrant.calibrate.cell.loop.image_poses import ImagePoses, image_poses
-from calibrant.calibrate.cell.loop.motion import MotionReport, motion_report
 from calibrant.calibrate.cell.loop.noise import LoopNoise
 from calibrant.calibrate.cell.loop.target_size import target_size
 from calibrant.calibrate.cell.problem.camera_role import (
@@ -41,6 +39,8 @@ from calibrant.calibrate.cell.starts.seed import (
 )
 from calibrant.calibrate.cell.views import HandEyeViews, from_target_poses
 from calibrant.calibrate.reprojection.outliers import mark, points_reason
+from calibrant.calibrate.solvers.loop_errors import loop_errors
+from calibrant.calibrate.solvers.motion import MotionReport, motion_report
 from calibrant.calibrate.solvers.setup import SETUPS, Setup, get_setup
 from calibrant.cameras import Camera
 from calibrant.data import (

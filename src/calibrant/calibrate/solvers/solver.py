@@ -13,8 +13,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calibrant.calibrate.cell.loop.errors import LoopErrors, errors_of
-from calibrant.calibrate.cell.loop.motion import report_of
+from calibrant.calibrate.solvers.loop_errors import LoopErrors, errors_of
+from calibrant.calibrate.solvers.motion import report_of
 from calibrant.calibrate.solvers.relative import PosePairs, pose_pairs
 from calibrant.calibrate.solvers.translation import separable
 from calibrant.errors import RefusedError

@@ -20,7 +20,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calibrant.calibrate.cell.loop.motion import motion_report
+from calibrant.calibrate.solvers.motion import motion_report
 from calibrant.data import Check
 from calibrant.diagnose.conventions.hypotheses import CONSISTENT, FLOOR_DEG, FLOOR_MM, Alternative, misfit_of, order_of
 from calibrant.diagnose.conventions.hypotheses import Setup as Setup

@@ -16,8 +16,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calibrant.calibrate.cell.loop.errors import LoopErrors, errors_of, loop_consistency, loop_errors
-from calibrant.calibrate.cell.loop.motion import motion_report
+from calibrant.calibrate.solvers.loop_errors import LoopErrors, errors_of, loop_consistency, loop_errors
+from calibrant.calibrate.solvers.motion import motion_report
 from calibrant.calibrate.solvers.park import park
 from calibrant.calibrate.solvers.relative import PosePairs, pair_indices, sample
 from calibrant.cancel import checkpoint

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from calibrant.calibrate.cell.loop.motion import DEGENERATE, motion_report
+from calibrant.calibrate.solvers.motion import DEGENERATE, motion_report
 from calibrant.diagnose.doctor.case import Case
 from calibrant.diagnose.doctor.finding import Finding
 

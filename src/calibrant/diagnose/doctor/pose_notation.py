@@ -15,8 +15,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.cell.loop.errors import loop_consistency
 from calibrant.calibrate.cell.starts.robust import log_misfit, robust_fit
+from calibrant.calibrate.solvers.loop_errors import loop_consistency
 from calibrant.cancel import checkpoint
 from calibrant.data import Check
 from calibrant.diagnose.conventions.decide import ConventionDecision, decide

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from calibrant.calibrate.cell.loop.errors import loop_consistency
+from calibrant.calibrate.solvers.loop_errors import loop_consistency
 from calibrant.cancel import checkpoint
 from calibrant.diagnose.conventions.hypotheses import CONSISTENT
 from calibrant.diagnose.doctor import (

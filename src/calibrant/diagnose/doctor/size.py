@@ -11,8 +11,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.cell.loop.errors import loop_consistency
 from calibrant.calibrate.cell.loop.fit import fit_loop
+from calibrant.calibrate.solvers.loop_errors import loop_consistency
 from calibrant.data import Measured
 from calibrant.diagnose.conventions.hypotheses import CONSISTENT
 from calibrant.diagnose.doctor.case import Case

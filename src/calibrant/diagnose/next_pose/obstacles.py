@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import ArrayLike, NDArray
 
 from calibrant.diagnose.budget.volume import parse_coordinate
@@ -28,6 +27,7 @@ from calibrant.errors import InputError
 from calibrant.robots.chain import KinematicChain
 from calibrant.robots.geometry import ParametricChain
 from calibrant.targets.lengths import parse_length
+from calibrant.targets.yaml_file import parse_yaml
 
 Array = NDArray[np.float64]
 
@@ -99,8 +99,8 @@ class Geometry:
 def read_geometry(path: Path) -> Geometry:
     """The geometry of a YAML file. Raises: InputError naming the file, the key and what was expected."""
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        data = parse_yaml(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, InputError) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         raise InputError(f"cannot read {path}: {reason}; expected YAML with {', '.join(_KEYS)}") from error
     if not isinstance(data, Mapping):

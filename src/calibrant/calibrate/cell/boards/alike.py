@@ -20,10 +20,10 @@ from calibrant.calibrate.cell.boards.turned import (
     turned_views,
     with_boards,
 )
-from calibrant.calibrate.cell.loop.motion import motion_report
 from calibrant.calibrate.cell.problem.layout import Frame, Layout, Pictures
 from calibrant.calibrate.cell.starts.seed import seed_of_all
 from calibrant.calibrate.cell.views import HandEyeViews
+from calibrant.calibrate.solvers.motion import motion_report
 from calibrant.calibrate.solvers.setup import SETUPS, get_setup
 from calibrant.data import Check
 from calibrant.errors import RefusedError

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.cell.loop.motion import motion_report
 from calibrant.calibrate.cell.problem.layout import HAND_TO_HAND, STANDING, Frame, Layout, Pictures
 from calibrant.calibrate.cell.starts.hand_to_hand import hand_to_hand_start
 from calibrant.calibrate.cell.starts.seed import best_seed
 from calibrant.calibrate.cell.views import HandEyeViews
+from calibrant.calibrate.solvers.motion import motion_report
 from calibrant.calibrate.solvers.setup import get_setup
 from calibrant.errors import RefusedError
 from calibrant.geometry import se3, so3

@@ -19,8 +19,8 @@ from math import lgamma
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.cell.loop.errors import loop_consistency
 from calibrant.calibrate.cell.loop.fit import LoopFit, fit_loop
+from calibrant.calibrate.solvers.loop_errors import loop_consistency
 from calibrant.calibrate.solvers.relative import odd_part, sample
 from calibrant.geometry import se3, so3
 from calibrant.optimize.chances import f_tail

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.cell.loop.errors import (
+from calibrant.calibrate.cell.starts.robust import robust_fit
+from calibrant.calibrate.solvers.loop_errors import (
     LoopConsistency,
     LoopErrors,
     consistency_of,
     loop_consistency,
     loop_errors,
 )
-from calibrant.calibrate.cell.starts.robust import robust_fit
 from calibrant.calibrate.solvers.registry import SOLVERS
 from calibrant.calibrate.solvers.relative import pose_pairs, sample
 from calibrant.data import MethodResult

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibrant.calibrate.cell.loop.errors import loop_consistency, loop_errors
+from calibrant.calibrate.solvers.loop_errors import loop_consistency, loop_errors
 from calibrant.calibrate.solvers.relative import pose_pairs
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibrant.calibrate.cell.loop.motion import MotionReport, motion_report
 from calibrant.calibrate.solvers import SOLVERS
+from calibrant.calibrate.solvers.motion import MotionReport, motion_report
 from calibrant.calibrate.solvers.relative import MAX_PAIRS, PosePairs, pair_indices
 from calibrant.errors import RefusedError
 from calibrant.geometry import se3, so3

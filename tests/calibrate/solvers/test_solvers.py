@@ -12,10 +12,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from calibrant.calibrate.cell.loop.errors import loop_errors
 from calibrant.calibrate.solvers import SOLVERS, get_solver
 from calibrant.calibrate.solvers import convex as convex_module
 from calibrant.calibrate.solvers.kronecker import linear_system
+from calibrant.calibrate.solvers.loop_errors import loop_errors
 from calibrant.calibrate.solvers.relative import PosePairs
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3, so3

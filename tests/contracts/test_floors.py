@@ -52,6 +52,7 @@ HOME = {
     "nicegui": {"app"},
     "distributed": {"executors"},
     "cv2": {"opencv"},
+    "yaml": {"targets", "formats"},
 }
 """Heavy libraries and the only packages that may import them."""
 

@@ -10,7 +10,7 @@ import pytest
 from calibrant.errors import InputError
 from calibrant.targets.bundle import Bundle
 from calibrant.targets.registry import parse_target
-from calibrant.targets.yaml_subset import parse_yaml
+from calibrant.targets.yaml_file import parse_yaml
 
 CUBE = """
 target: bundle
@@ -125,3 +125,25 @@ nested:
         "list": [1, "two"],
         "nested": [{"id": 3, "at": ["1mm", "-2.5mm"]}, {"id": 4, "at": [], "flag": True}],
     }
+
+
+def test_a_hash_inside_a_name_and_numbers_as_people_write_them() -> None:
+    text = 'name: "board # 2"  # the spare\nturn: [1e-3, -2E+1, .5, 3, 1.5e2]\n'
+    assert parse_yaml(text) == {"name": "board # 2", "turn": [1e-3, -20.0, 0.5, 3, 150.0]}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a: &a [x, x]\nb: &b [*a, *a, *a]\nc: [*b, *b, *b]\n", "line 2: an alias"),
+        ("&loop [*loop]", "line 1: an alias"),
+        ("key: value\n" * 100_000, "1100000 characters; such a file has 500000 at most"),
+        ("[" * 100_000, "too deep"),
+        ("id: 1\n  at: 2\n", "line 2: mapping values are not allowed here"),
+        ("id: !!python/object/apply:os.system [ls]\n", "line 1: could not determine a constructor"),
+        ("on: 2020-13-45\n", "month must be"),
+    ],
+)
+def test_a_text_that_unfolds_without_bound_or_is_no_yaml_is_refused(text: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        parse_yaml(text)

@@ -34,7 +34,7 @@ from calibrant.targets.lengths import parse_coordinate, parse_length
 from calibrant.targets.marker import check_id
 from calibrant.targets.scale import format_scale, split_scale
 from calibrant.targets.target import Array, Artwork, MarkerArt, Target
-from calibrant.targets.yaml_subset import read_yaml
+from calibrant.targets.yaml_file import read_yaml
 
 SYNTAX = "bundle:FILE with a YAML file of markers and cubes, such as bundle:cube.yaml"
 

@@ -11,7 +11,7 @@ from calibrant.targets import aprilgrid, bundle, charuco, circles, marker, point
 from calibrant.targets.grid import parse_grid
 from calibrant.targets.lengths import parse_length
 from calibrant.targets.target import Target
-from calibrant.targets.yaml_subset import read_yaml
+from calibrant.targets.yaml_file import read_yaml
 
 
 @dataclass(frozen=True)

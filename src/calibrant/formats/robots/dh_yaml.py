@@ -21,6 +21,7 @@ import yaml
 from calibrant.errors import InputError
 from calibrant.robots.chain import Joint
 from calibrant.robots.dh import DHChain, DHRow, ModifiedDH, StandardDH
+from calibrant.targets.yaml_file import parse_yaml
 
 CONVENTIONS: dict[str, type[StandardDH] | type[ModifiedDH]] = {"standard": StandardDH, "modified": ModifiedDH}
 _LENGTHS = {"m": 1.0, "mm": 1e-3}
@@ -31,9 +32,9 @@ _KEYS = ("a", "alpha", "d", "theta", "beta", "name", "kind", "lower", "upper")
 def parse_dh(text: str, source: str) -> StandardDH | ModifiedDH:
     """The chain of a table. Raises: InputError naming the file, the joint and the key that is missing or wrong."""
     try:
-        data = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise InputError(f"{source}: not YAML ({' '.join(str(error).split())})") from error
+        data = parse_yaml(text)
+    except InputError as error:
+        raise InputError(f"{source}: not YAML ({error})") from error
     if not isinstance(data, Mapping) or not isinstance(data.get("joints"), list) or not data["joints"]:
         raise InputError(f"{source}: no list of joints; expected the keys convention, units, joints of a DH table")
     convention = data.get("convention")

@@ -7,9 +7,9 @@ from html import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.diagnose.doctor.case import Case
 from calibrant.diagnose.doctor.diagnosis import Diagnosis
-from calibrant.diagnose.doctor.finding import Finding
+from calibrant.diagnose.doctor.evidence.case import Case
+from calibrant.diagnose.doctor.evidence.finding import Finding
 
 Array = NDArray[np.float64]
 

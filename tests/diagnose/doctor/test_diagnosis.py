@@ -13,8 +13,8 @@ import pytest
 from numpy.typing import NDArray
 
 from calibrant.diagnose.doctor.diagnosis import Diagnosis, as_result, diagnose_poses
+from calibrant.diagnose.doctor.faults.timing import times_of_names
 from calibrant.diagnose.doctor.repair import calibrate_repaired
-from calibrant.diagnose.doctor.timing import times_of_names
 from calibrant.errors import RefusedError
 from calibrant.formats.poses.read import PoseNotation, notations, read_poses
 from calibrant.geometry import rotations, se3

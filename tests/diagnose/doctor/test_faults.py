@@ -10,8 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from calibrant.cameras import Camera
-from calibrant.diagnose.doctor import Case, Examination, examine, exchanged
-from calibrant.diagnose.doctor.case import stand_apart
+from calibrant.diagnose.doctor import Case, Examination, examine
+from calibrant.diagnose.doctor.evidence.case import stand_apart
+from calibrant.diagnose.doctor.faults import exchanged
 from calibrant.geometry import se3, so3
 from calibrant.simulate.noise import flipped_board
 from calibrant.simulate.scenes import gripper_poses, hand_eye_scene, observe, standard_mounting, target_poses

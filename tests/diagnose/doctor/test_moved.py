@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibrant.diagnose.doctor import moved
+from calibrant.diagnose.doctor.faults import moved
 
 
 @pytest.mark.parametrize("counted", [40, moved.MOST_COUNTED])

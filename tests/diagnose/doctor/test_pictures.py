@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics
 from calibrant.data import Observations, RobotPoses
 from calibrant.detection import detect
-from calibrant.diagnose.doctor import case_of_views, markers
+from calibrant.diagnose.doctor import case_of_views
 from calibrant.diagnose.doctor.diagnosis import diagnose_views
+from calibrant.diagnose.doctor.faults import markers
 from calibrant.formats.poses.read import notations, read_poses
 from calibrant.geometry import se3
 from calibrant.simulate.render import render

@@ -14,12 +14,12 @@ from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Check, Measured, Observations, RobotPoses, View, ViewResult, verdict_of
 from calibrant.data.details import Deviations, Fault, Faults, LoopSpread, ViewDeviation
 from calibrant.diagnose.conventions.hypotheses import Setup
-from calibrant.diagnose.doctor.case import Case, case_of_poses, case_of_views
-from calibrant.diagnose.doctor.finding import Finding
+from calibrant.diagnose.doctor.evidence.case import Case, case_of_poses, case_of_views
+from calibrant.diagnose.doctor.evidence.finding import Finding
+from calibrant.diagnose.doctor.faults.timing import times_of
 from calibrant.diagnose.doctor.numbering import finding, numbering_of
 from calibrant.diagnose.doctor.pose_notation import PoseDecision, decide_poses
 from calibrant.diagnose.doctor.search import Examination, examine
-from calibrant.diagnose.doctor.timing import times_of
 from calibrant.errors import InputError
 from calibrant.formats.poses.notations import PoseNotation
 from calibrant.geometry import se3

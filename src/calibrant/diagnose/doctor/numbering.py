@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from calibrant.calibrate.cell.boards.numbering import congruence
 from calibrant.calibrate.cell.boards.turned import ViewsNumbered, board_turns, numbered_by_robot
 from calibrant.diagnose.conventions.hypotheses import SIEVE_DEG, SIEVE_RATIO
-from calibrant.diagnose.doctor.case import Case
-from calibrant.diagnose.doctor.finding import Finding
-from calibrant.diagnose.doctor.significance import CONVINCING, confidence
+from calibrant.diagnose.doctor.evidence.case import Case
+from calibrant.diagnose.doctor.evidence.finding import Finding
+from calibrant.diagnose.doctor.evidence.significance import CONVINCING, confidence
 from calibrant.formats.poses.notations import PoseNotation
 from calibrant.geometry import se3
 

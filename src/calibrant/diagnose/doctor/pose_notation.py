@@ -21,11 +21,11 @@ from calibrant.cancel import checkpoint
 from calibrant.data import Check
 from calibrant.diagnose.conventions.decide import ConventionDecision, decide
 from calibrant.diagnose.conventions.hypotheses import CONSISTENT, Alternative, Setup
-from calibrant.diagnose.doctor.exchanged import look_inverted
-from calibrant.diagnose.doctor.finding import Finding
-from calibrant.diagnose.doctor.loop import Evidence, Loop
-from calibrant.diagnose.doctor.pairing import Order, congruent_orders
-from calibrant.diagnose.doctor.significance import confidence
+from calibrant.diagnose.doctor.evidence.finding import Finding
+from calibrant.diagnose.doctor.evidence.loop import Evidence, Loop
+from calibrant.diagnose.doctor.evidence.significance import confidence
+from calibrant.diagnose.doctor.faults.exchanged import look_inverted
+from calibrant.diagnose.doctor.faults.pairing import Order, congruent_orders
 from calibrant.errors import RefusedError
 from calibrant.formats.poses.notations import PoseNotation
 from calibrant.geometry import se3

@@ -9,8 +9,8 @@ import numpy as np
 
 from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye
 from calibrant.data import CalibrationResult, Measured, TransformEstimate
-from calibrant.diagnose.doctor import size
 from calibrant.diagnose.doctor.diagnosis import Diagnosis
+from calibrant.diagnose.doctor.faults import size
 from calibrant.errors import RefusedError
 
 

@@ -13,7 +13,11 @@ from dataclasses import dataclass, replace
 from calibrant.calibrate.solvers.loop_errors import loop_consistency
 from calibrant.cancel import checkpoint
 from calibrant.diagnose.conventions.hypotheses import CONSISTENT
-from calibrant.diagnose.doctor import (
+from calibrant.diagnose.doctor.evidence.case import Case
+from calibrant.diagnose.doctor.evidence.finding import Finding
+from calibrant.diagnose.doctor.evidence.loop import Loop
+from calibrant.diagnose.doctor.evidence.significance import confidence
+from calibrant.diagnose.doctor.faults import (
     bad_views,
     boards,
     exchanged,
@@ -26,10 +30,6 @@ from calibrant.diagnose.doctor import (
     swapped,
     timing,
 )
-from calibrant.diagnose.doctor.case import Case
-from calibrant.diagnose.doctor.finding import Finding
-from calibrant.diagnose.doctor.loop import Loop
-from calibrant.diagnose.doctor.significance import confidence
 
 Examine = Callable[[Case], list[Finding]]
 

@@ -21,9 +21,9 @@ from calibrant.diagnose.conventions.hypotheses import (
     rank,
     sieve_limit,
 )
-from calibrant.diagnose.doctor.finding import Finding
-from calibrant.diagnose.doctor.loop import Evidence, Loop
-from calibrant.diagnose.doctor.significance import confidence
+from calibrant.diagnose.doctor.evidence.finding import Finding
+from calibrant.diagnose.doctor.evidence.loop import Evidence, Loop
+from calibrant.diagnose.doctor.evidence.significance import confidence
 from calibrant.errors import RefusedError
 from calibrant.formats.poses.notations import PoseNotation
 

@@ -14,7 +14,7 @@ from calibrant.tasks.robots.hand_eye_data import named_files as named_files
 if TYPE_CHECKING:
     from calibrant.data import CalibrationResult, Check
     from calibrant.diagnose.doctor.diagnosis import Diagnosis
-    from calibrant.diagnose.doctor.finding import Finding
+    from calibrant.diagnose.doctor.evidence.finding import Finding
 
 
 @dataclass(frozen=True)

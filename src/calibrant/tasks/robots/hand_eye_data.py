@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from calibrant.data import Missed, Observations, View
     from calibrant.detection.subpixel.refinement import Refinement
     from calibrant.diagnose.doctor.diagnosis import Diagnosis
-    from calibrant.diagnose.doctor.finding import Finding
+    from calibrant.diagnose.doctor.evidence.finding import Finding
     from calibrant.formats.poses.read import PoseNotation, RawPoses
 
 Array = NDArray[np.float64]

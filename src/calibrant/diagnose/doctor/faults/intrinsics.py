@@ -13,11 +13,11 @@ import numpy as np
 
 from calibrant.cameras import Camera
 from calibrant.data import Measured, View
-from calibrant.diagnose.doctor import size
-from calibrant.diagnose.doctor.case import Case
-from calibrant.diagnose.doctor.finding import Finding
-from calibrant.diagnose.doctor.loop import Evidence
-from calibrant.diagnose.doctor.significance import CONVINCING, confidence, nested_test, ratio_test
+from calibrant.diagnose.doctor.evidence.case import Case
+from calibrant.diagnose.doctor.evidence.finding import Finding
+from calibrant.diagnose.doctor.evidence.loop import Evidence
+from calibrant.diagnose.doctor.evidence.significance import CONVINCING, confidence, nested_test, ratio_test
+from calibrant.diagnose.doctor.faults import size
 from calibrant.errors import InputError, RefusedError
 
 LEAST_VIEWS = 5

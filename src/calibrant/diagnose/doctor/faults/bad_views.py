@@ -6,10 +6,10 @@ from functools import partial
 
 import numpy as np
 
-from calibrant.diagnose.doctor.case import Case, loop_of
-from calibrant.diagnose.doctor.finding import Finding
-from calibrant.diagnose.doctor.loop import Evidence
-from calibrant.diagnose.doctor.significance import confidence
+from calibrant.diagnose.doctor.evidence.case import Case, loop_of
+from calibrant.diagnose.doctor.evidence.finding import Finding
+from calibrant.diagnose.doctor.evidence.loop import Evidence
+from calibrant.diagnose.doctor.evidence.significance import confidence
 
 MOST = 1 / 3
 """Where more of the views disagree, the fault is not in single views."""

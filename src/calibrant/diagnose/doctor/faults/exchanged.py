@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.diagnose.doctor.case import Case
-from calibrant.diagnose.doctor.finding import Finding
-from calibrant.diagnose.doctor.loop import Evidence
-from calibrant.diagnose.doctor.significance import confidence
+from calibrant.diagnose.doctor.evidence.case import Case
+from calibrant.diagnose.doctor.evidence.finding import Finding
+from calibrant.diagnose.doctor.evidence.loop import Evidence
+from calibrant.diagnose.doctor.evidence.significance import confidence
 from calibrant.geometry import se3
 
 Array = NDArray[np.float64]

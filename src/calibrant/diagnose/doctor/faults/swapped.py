@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.calibrate.cell.starts.robust import log_misfit, noise_freedom
-from calibrant.diagnose.doctor.case import Case, loop_of
-from calibrant.diagnose.doctor.finding import Finding
-from calibrant.diagnose.doctor.loop import Evidence
-from calibrant.diagnose.doctor.significance import confidence
+from calibrant.diagnose.doctor.evidence.case import Case, loop_of
+from calibrant.diagnose.doctor.evidence.finding import Finding
+from calibrant.diagnose.doctor.evidence.loop import Evidence
+from calibrant.diagnose.doctor.evidence.significance import confidence
 from calibrant.geometry import se3
 from calibrant.optimize.chances import f_tail
 

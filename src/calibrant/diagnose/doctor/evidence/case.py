@@ -17,7 +17,7 @@ from calibrant.calibrate.cell.views import HandEyeViews, from_observations, from
 from calibrant.calibrate.solvers.setup import Setup, get_setup
 from calibrant.cameras import Camera
 from calibrant.data import Missed, Observations, RobotPoses, View
-from calibrant.diagnose.doctor.loop import Loop
+from calibrant.diagnose.doctor.evidence.loop import Loop
 from calibrant.geometry import se3
 from calibrant.optimize.chances import f_tail
 

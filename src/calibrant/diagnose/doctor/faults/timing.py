@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from calibrant.calibrate.cell.loop.fit import LoopFit, fit_loop
 from calibrant.data import Measured
-from calibrant.diagnose.doctor.case import Case, loop_of
-from calibrant.diagnose.doctor.finding import Finding
-from calibrant.diagnose.doctor.loop import Evidence
-from calibrant.diagnose.doctor.significance import CONVINCING, confidence, nested_test
+from calibrant.diagnose.doctor.evidence.case import Case, loop_of
+from calibrant.diagnose.doctor.evidence.finding import Finding
+from calibrant.diagnose.doctor.evidence.loop import Evidence
+from calibrant.diagnose.doctor.evidence.significance import CONVINCING, confidence, nested_test
 from calibrant.formats.poses.notations import PoseNotation
 from calibrant.geometry import se3
 

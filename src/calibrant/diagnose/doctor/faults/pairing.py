@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from calibrant.calibrate.cell.starts.robust import relative_angles
 from calibrant.calibrate.solvers.relative import pair_indices
-from calibrant.diagnose.doctor.case import Case
-from calibrant.diagnose.doctor.finding import Finding
-from calibrant.diagnose.doctor.loop import Evidence
-from calibrant.diagnose.doctor.significance import CONVINCING, confidence, ratio_test
+from calibrant.diagnose.doctor.evidence.case import Case
+from calibrant.diagnose.doctor.evidence.finding import Finding
+from calibrant.diagnose.doctor.evidence.loop import Evidence
+from calibrant.diagnose.doctor.evidence.significance import CONVINCING, confidence, ratio_test
 from calibrant.formats.poses.natural_order import natural_key
 
 Array = NDArray[np.float64]

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from calibrant.calibrate.cell.loop.fit import LoopFit, Model, fit_loop
 from calibrant.calibrate.cell.starts.robust import log_misfit
-from calibrant.diagnose.doctor.case import Case, loop_of
-from calibrant.diagnose.doctor.finding import Finding
-from calibrant.diagnose.doctor.loop import Evidence, Loop
-from calibrant.diagnose.doctor.significance import CONVINCING, confidence, nested_test
+from calibrant.diagnose.doctor.evidence.case import Case, loop_of
+from calibrant.diagnose.doctor.evidence.finding import Finding
+from calibrant.diagnose.doctor.evidence.loop import Evidence, Loop
+from calibrant.diagnose.doctor.evidence.significance import CONVINCING, confidence, nested_test
 from calibrant.geometry import se3
 
 Array = NDArray[np.float64]

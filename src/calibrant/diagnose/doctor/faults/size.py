@@ -15,10 +15,10 @@ from calibrant.calibrate.cell.loop.fit import fit_loop
 from calibrant.calibrate.solvers.loop_errors import loop_consistency
 from calibrant.data import Measured
 from calibrant.diagnose.conventions.hypotheses import CONSISTENT
-from calibrant.diagnose.doctor.case import Case
-from calibrant.diagnose.doctor.finding import Finding
-from calibrant.diagnose.doctor.loop import Evidence
-from calibrant.diagnose.doctor.significance import CONVINCING, confidence, student_test
+from calibrant.diagnose.doctor.evidence.case import Case
+from calibrant.diagnose.doctor.evidence.finding import Finding
+from calibrant.diagnose.doctor.evidence.loop import Evidence
+from calibrant.diagnose.doctor.evidence.significance import CONVINCING, confidence, student_test
 from calibrant.geometry import se3
 
 Array = NDArray[np.float64]

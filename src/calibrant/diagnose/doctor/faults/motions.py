@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from calibrant.calibrate.solvers.motion import DEGENERATE, motion_report
-from calibrant.diagnose.doctor.case import Case
-from calibrant.diagnose.doctor.finding import Finding
+from calibrant.diagnose.doctor.evidence.case import Case
+from calibrant.diagnose.doctor.evidence.finding import Finding
 
 ASKED = (*DEGENERATE, "small-rotations")
 """What the motions decide; whether robot and camera move alike is what the faults of the data are about."""

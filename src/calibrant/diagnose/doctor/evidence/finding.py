@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from calibrant.data import Check, Measured
 from calibrant.data.results import Status
-from calibrant.diagnose.doctor.case import Case
-from calibrant.diagnose.doctor.loop import Evidence
+from calibrant.diagnose.doctor.evidence.case import Case
+from calibrant.diagnose.doctor.evidence.loop import Evidence
 
 Repair = Callable[[Case], Case]
 

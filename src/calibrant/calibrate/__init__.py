@@ -1,1 +1,1 @@
-"""Floor 4: one file a calibration problem."""
+"""Floor 4: one room a calibration problem, and rooms that they share."""

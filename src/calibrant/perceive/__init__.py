@@ -1,1 +1,1 @@
-"""Floor 3: what is seen through a calibrated camera."""
+"""Floor 5: what is seen through a calibrated camera."""

@@ -18,7 +18,8 @@ import pytest
 
 from calibrant.data import CalibrationResult, Check, Missed, Observations, RobotPoses, ViewResult
 from calibrant.errors import InputError
-from calibrant.reports.html import headline, render_report, write_report
+from calibrant.reports.html import report_page, write_report
+from calibrant.reports.kinds.registry import kind_of
 
 MOST_BYTES = 5_000_000
 
@@ -71,9 +72,9 @@ def _data(page: str) -> dict:
 @pytest.fixture(scope="module")
 def pages(intrinsics_result: CalibrationResult, hand_eye_result: Callable[[str], CalibrationResult]) -> dict[str, str]:
     return {
-        "intrinsics": render_report(intrinsics_result, images={}),
-        "eye-to-hand": render_report(hand_eye_result("eye-to-hand"), images={}),
-        "eye-in-hand": render_report(hand_eye_result("eye-in-hand"), images={}),
+        "intrinsics": report_page(intrinsics_result),
+        "eye-to-hand": report_page(hand_eye_result("eye-to-hand")),
+        "eye-in-hand": report_page(hand_eye_result("eye-in-hand")),
     }
 
 
@@ -137,7 +138,7 @@ def test_a_hand_eye_result_from_pose_pairs_needs_no_observations(
     assert full.robot_poses is not None
     B = np.stack([view.T_camera_target for view in full.views])
     poses = RobotPoses(full.robot_poses.ids, full.robot_poses.T_base_gripper)
-    page = render_report(
+    page = report_page(
         replace(full, observations=None, views=(), cameras={}, robot_poses=poses, T_camera_target=B), images={}
     )
     data = _data(page)
@@ -148,7 +149,7 @@ def test_a_hand_eye_result_from_pose_pairs_needs_no_observations(
 
 def test_a_result_with_nothing_but_a_reason() -> None:
     check = Check("motion", "fail", "all rotations are about one axis: turn the gripper about a second one")
-    page = render_report(CalibrationResult("hand-eye", "refused", checks=(check,)), images={})
+    page = report_page(CalibrationResult("hand-eye", "refused", checks=(check,)))
     assert "DO NOT USE" in page
     assert "All rotations are about one axis" in page
     assert _outline(page).headings == ["Hand-eye calibration", "Checks", "Options and inputs"]
@@ -166,7 +167,7 @@ def test_text_of_users_is_escaped(intrinsics_result: CalibrationResult) -> None:
         inputs=({"file": evil, "sha256": evil},),
         observations=replace(observations, missed=(Missed(evil, evil),), target=evil, notes=(evil,)),
     )
-    page = render_report(changed, images={})
+    page = report_page(changed)
     assert "<img" not in page
     outline = _outline(page)
     assert (outline.wrong, outline.stack) == ([], [])
@@ -184,7 +185,7 @@ def test_many_views_stay_below_the_limit(intrinsics_result: CalibrationResult) -
         observations=Observations(views, observations.image_sizes),
         views=tuple(ViewResult(v.id, True, len(v), 0.1, T_camera_target=pose) for v in views),
     )
-    page = render_report(many, images={})
+    page = report_page(many)
     assert len(page.encode()) < MOST_BYTES
     drawn = [view for view in _data(page)["views"] if view["uv"]]
     assert 0 < sum(len(view["uv"]) // 2 for view in drawn) <= 40_000
@@ -200,7 +201,7 @@ def test_pictures_are_embedded_small_and_missing_ones_named(
     tmp_path: Path, intrinsics_result: CalibrationResult
 ) -> None:
     pytest.importorskip("calibrant.detection.images.images")
-    page = render_report(intrinsics_result, images={"0.png": _picture(tmp_path), "1.png": tmp_path / "gone.png"})
+    page = report_page(intrinsics_result, images={"0.png": _picture(tmp_path), "1.png": tmp_path / "gone.png"})
     pictures = _data(page)["pictures"]
     assert list(pictures) == ["camera/0.png"]
     jpeg = base64.b64decode(pictures["camera/0.png"].removeprefix("data:image/jpeg;base64,"))
@@ -222,7 +223,8 @@ def test_an_existing_report_is_kept_without_force(tmp_path: Path, intrinsics_res
 
 
 def test_the_headline_answers_how_good(hand_eye_result: Callable[[str], CalibrationResult]) -> None:
-    facts = [(fact.name, fact.text) for fact in headline(hand_eye_result("eye-to-hand"))]
+    found = hand_eye_result("eye-to-hand")
+    facts = [(fact.name, fact.text) for fact in kind_of(found).headline(found)]
     assert ("base → camera, position", "± 0.23 mm") in facts
     assert ("views used", "11 of 13") in facts
 

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from calibrant.data import CalibrationResult, Check
-from calibrant.reports.words import sorted_checks, verdict_sentence, view_rows
+from calibrant.reports.rows import view_rows
+from calibrant.reports.words import sorted_checks, verdict_sentence
 
 
 def test_a_warning_is_part_of_the_verdict(intrinsics_result: CalibrationResult) -> None:

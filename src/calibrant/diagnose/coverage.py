@@ -7,14 +7,14 @@ Flexible New Technique for Camera Calibration, 2000, section 5, where 5 deg of t
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calibrant.data import CalibrationResult, Check
-from calibrant.diagnose.residuals import camera_of, fitted_poses, structure_check, view_residuals
+from calibrant.diagnose.residuals import ViewResiduals, camera_of, fitted_poses, structure_check, view_residuals
 from calibrant.errors import InputError
 from calibrant.geometry import se3
 
@@ -87,7 +87,15 @@ def camera_coverage(result: CalibrationResult) -> tuple[CameraCoverage, ...]:
     if result.observations is None:
         return ()
     poses = fitted_poses(result)
-    residuals = view_residuals(result, poses)
+    return covered(result, poses, view_residuals(result, poses))
+
+
+def covered(
+    result: CalibrationResult, poses: Mapping[tuple[str, str], Array], residuals: Sequence[ViewResiduals]
+) -> tuple[CameraCoverage, ...]:
+    """`camera_coverage` with the poses by (camera, view id) and the residuals that somebody has computed already."""
+    if result.observations is None:
+        return ()
     left_out = {(camera_of(result, v), v.id) for v in result.views if not v.used}
     out = []
     for camera, size in result.observations.image_sizes.items():

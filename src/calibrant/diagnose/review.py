@@ -23,5 +23,10 @@ def review(result: CalibrationResult) -> CalibrationResult:
         if check.name not in known and mine:
             checks.append(check if len(result.cameras) == 1 else replace(check, name=f"{check.name}-{name}"))
     reviewed = replace(result, checks=tuple(checks), verdict=verdict_of(tuple(checks)))
-    # A camera that was given is not judged by these images' coverage.
-    return with_coverage_checks(reviewed) if result.kind == "intrinsics" else reviewed
+    return with_coverage_checks(reviewed) if is_about_cameras(result) else reviewed
+
+
+def is_about_cameras(result: CalibrationResult) -> bool:
+    """Whether the images were taken to find a camera: then their coverage is judged. What places something is about
+    that, and often with a camera that was given."""
+    return bool(result.cameras) and not result.transforms

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from calibrant.cameras import Camera
 from calibrant.cameras.model import REQUIRED
-from calibrant.data import DEFAULT_CAMERA, CalibrationResult, MethodResult, TransformEstimate
+from calibrant.data import DEFAULT_CAMERA, CalibrationResult, MethodResult, SigmaRobot, TransformEstimate
 from calibrant.geometry import se3, so3
 from calibrant.reports.numbers import Figure, plain, sigma_text, with_sigma
 
@@ -21,9 +21,6 @@ MOST_LISTED = 24
 """Parameters in a list that is still read; the largest model of named terms has 18."""
 _GIMBAL_COSINE = 1e-6
 """Below this cosine of the pitch, yaw and roll turn about the same axis and have no uncertainty of their own."""
-
-ROWS_NAMES = {"kinematics": "measurements", "tool": "poses"}
-"""What the rows of a result's table are, where they are not views."""
 
 
 @dataclass(frozen=True)
@@ -127,37 +124,20 @@ def method_rows(result: CalibrationResult) -> list[MethodRow]:
     return rows
 
 
-def camera_transforms(result: CalibrationResult) -> list[TransformEstimate]:
-    """Where the cameras are, of a result with several; else the first transform, which is what was asked for."""
-    if len(result.cameras) < 2 or result.kind != "hand-eye":
-        return list(result.transforms[:1])
-    return [t for t in result.transforms if t.child in result.cameras and t.parent not in result.cameras]
+def noise_facts(
+    result: CalibrationResult, *, robot: str = "robot noise, 1σ", rows: str = "views", kept_out: str = ""
+) -> list[Fact]:
+    """Residuals, estimated noise, target scale and held-out errors, as far as the result has them.
 
-
-def rows_name(result: CalibrationResult) -> str:
-    """What the result was made from: views, or poses or measurements without pictures."""
-    return ROWS_NAMES.get(result.kind, "views")
-
-
-def noise_facts(result: CalibrationResult) -> list[Fact]:
-    """Residuals, estimated noise, target scale and held-out errors, as far as the result has them."""
+    robot: what the noise of the poses is called; rows: what was kept out, in the plural, or `kept_out` in whole words.
+    """
     facts: list[Fact] = []
-    offset = result.figures.get("offset")
-    if offset is not None:
-        text = f"{with_sigma(1e3 * offset.value, 1e3 * offset.sigma)} ms"
-        facts.append(Fact("clock offset", text, "t_robot = t_camera + offset"))
     if result.rms_px is not None:
         facts.append(Fact("RMS error", f"{plain(result.rms_px, digits=3)} px", "per point, both axes"))
     if result.sigma_px is not None:
         facts.append(Fact("pixel noise, 1σ", f"{plain(result.sigma_px, digits=3)} px", "per axis, from the residuals"))
-    robot = result.sigma_robot
-    if robot is not None:
-        text = f"{with_sigma_or_plain(robot.mm, robot.mm_sigma)} mm"
-        # Of positions alone, as a laser tracker gives them, no turn is known.
-        if robot.deg or robot.deg_sigma:
-            text += f", {with_sigma_or_plain(robot.deg, robot.deg_sigma)} deg"
-        name = "measuring noise, 1σ" if result.kind == "kinematics" else "robot noise, 1σ"
-        facts.append(Fact(name, text, "per axis, estimated from the data"))
+    if result.sigma_robot is not None:
+        facts.append(Fact(robot, _robot_noise_text(result.sigma_robot), "per axis, estimated from the data"))
     if result.target_scale is not None:
         scale = result.target_scale
         facts.append(Fact("target scale", with_sigma(scale.value, scale.sigma), "real size / given size"))
@@ -166,11 +146,16 @@ def noise_facts(result: CalibrationResult) -> list[Fact]:
         figures = ((held.mm, "mm"), (held.deg, "deg"), (held.px, "px"))
         parts = [f"{plain(value, digits=3)} {unit}" for value, unit in figures if value is not None]
         if parts:
-            # Pixels by the robot's word for where it is: many times the RMS error, which has no robot in it.
-            by_robot = ", the robot's own error in it" if result.kind == "hand-eye" else ""
-            kept_out = f"RMS on {rows_name(result)} kept out of the fit{by_robot}"
-            facts.append(Fact("held-out error", ", ".join(parts), kept_out))
+            facts.append(Fact("held-out error", ", ".join(parts), kept_out or f"RMS on {rows} kept out of the fit"))
     return facts
+
+
+def _robot_noise_text(noise: SigmaRobot) -> str:
+    text = f"{with_sigma_or_plain(noise.mm, noise.mm_sigma)} mm"
+    # Of positions alone, as a laser tracker gives them, no turn is known.
+    if noise.deg or noise.deg_sigma:
+        text += f", {with_sigma_or_plain(noise.deg, noise.deg_sigma)} deg"
+    return text
 
 
 def with_sigma_or_plain(value: float, sigma: float | None) -> str:

@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.cell.problem.layout import STANDING
-from calibrant.calibrate.cell.stated import stated_layout
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult
-from calibrant.reports.loop import LoopView, target_outline
+from calibrant.diagnose.look import Look
+from calibrant.diagnose.loop import LoopView, target_outline
 
 Array = NDArray[np.float64]
 
@@ -26,21 +25,17 @@ _MOST_POSES = 150
 """More poses hide each other; every k-th is drawn then."""
 
 
-def scene(
-    result: CalibrationResult, poses: Mapping[tuple[str, str], Array], loop: tuple[LoopView, ...]
-) -> dict[str, Any] | None:
-    """Frames, cameras, boards and layers of the 3D view, or None when the result holds no pose to show.
-
-    Args: poses, T_camera_target by (camera, view id); loop, of a hand-eye result.
-    """
-    if loop:
-        return _hand_eye_scene(result, loop)
-    return _camera_scene(result, poses) if poses else None
+def scene(look: Look) -> dict[str, Any] | None:
+    """Frames, cameras, boards and layers of the 3D view, or None when the result holds no pose to show."""
+    if look.loop:
+        return _hand_eye_scene(look)
+    return _camera_scene(look.result, look.poses) if look.poses else None
 
 
-def _hand_eye_scene(result: CalibrationResult, loop: tuple[LoopView, ...]) -> dict[str, Any]:
+def _hand_eye_scene(look: Look) -> dict[str, Any]:
+    result, loop = look.result, look.loop
     drawn = loop[:: -(-len(loop) // _MOST_POSES)]
-    frames = [{"label": "base", "T": _flat(np.eye(4)), "layer": "base", "view": None}, *_other_bases(result)]
+    frames = [{"label": "base", "T": _flat(np.eye(4)), "layer": "base", "view": None}, *_other_bases(look)]
     grippers = {v.id: v for v in drawn}
     frames += [
         {"label": f"gripper {v.id}", "T": _flat(v.T_base_gripper), "layer": "gripper", "view": v.key}
@@ -57,7 +52,7 @@ def _hand_eye_scene(result: CalibrationResult, loop: tuple[LoopView, ...]) -> di
     return {
         "up": [0, 0, 1],
         "frames": frames,
-        "cameras": _cameras(result, drawn),
+        "cameras": _cameras(look, drawn),
         "outline": _outline(result),
         "boards": {"seen": seen, "robot": robot},
         "layers": {
@@ -75,15 +70,13 @@ def _label(result: CalibrationResult, v: LoopView) -> str:
     return v.view if len(result.cameras) < 2 else f"{v.camera}, {v.view}"
 
 
-def _other_bases(result: CalibrationResult) -> list[dict[str, Any]]:
-    layout = stated_layout(result)
-    bases = [] if layout is None else [layout.base(r) for r in layout.robots if layout.base(r) != layout.root]
-    root = "" if layout is None else layout.root
-    return [{"label": b, "T": _flat(result.transform(root, b).matrix), "layer": "base", "view": None} for b in bases]
+def _other_bases(look: Look) -> list[dict[str, Any]]:
+    return [{"label": b, "T": _flat(T), "layer": "base", "view": None} for b, T in look.other_bases.items()]
 
 
-def _cameras(result: CalibrationResult, drawn: Sequence[LoopView]) -> list[dict[str, Any]]:
+def _cameras(look: Look, drawn: Sequence[LoopView]) -> list[dict[str, Any]]:
     """A frustum a pose for cameras that are carried, one for each that stands still."""
+    result = look.result
     out: list[dict[str, Any]] = []
     still: dict[str, Array] = {}
     for v in drawn:
@@ -92,10 +85,8 @@ def _cameras(result: CalibrationResult, drawn: Sequence[LoopView]) -> list[dict[
             continue
         rays = _frustum(result.cameras.get(v.camera))
         out.append({"label": f"camera {_label(result, v)}", "T": _flat(v.T_base_camera), "view": v.key, "rays": rays})
-    layout = stated_layout(result)
-    for p in layout.pictures if layout is not None else ():
-        if p.setup == STANDING and layout is not None:
-            still.setdefault(p.camera, result.transform(layout.root, p.camera).matrix)
+    for name, T in look.standing_cameras.items():
+        still.setdefault(name, T)
     out += [
         {"label": name or "camera", "T": _flat(T), "view": None, "rays": _frustum(result.cameras.get(name))}
         for name, T in still.items()

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from html import escape
 from io import StringIO
 
 from calibrant.data import CalibrationResult, Check
-from calibrant.reports.headline import headline
+from calibrant.reports.blocks import Block
+from calibrant.reports.kinds.registry import kind_of
 from calibrant.reports.words import STATUS_WORDS, VERDICT_WORDS, sorted_checks, title, verdict_sentence
 
 WIDTH = 80
@@ -18,7 +18,7 @@ _MOST_WARNINGS = 4
 def brief(result: CalibrationResult) -> str:
     """What it is, the verdict and its reason, the figures that count, and the checks that warn: some ten lines."""
     lines = [title(result), f"{VERDICT_WORDS[result.verdict]}. {verdict_sentence(result)}"]
-    facts = headline(result)
+    facts = kind_of(result).headline(result)
     wide = max((len(fact.name) for fact in facts), default=0)
     lines += [f"  {fact.name:<{wide}}  {fact.text}" for fact in facts]
     warned = _warned(result)
@@ -41,16 +41,11 @@ def summary(result: CalibrationResult) -> str:
 
 def notebook(result: CalibrationResult) -> str:
     """The answer as a piece of HTML without scripts: verdict, headline, the checks that warn."""
-    rows = "".join(
-        f"<tr><th style='text-align:left'>{escape(f.name)}</th><td>{escape(f.text)}</td>"
-        f"<td style='opacity:.7'>{escape(f.note)}</td></tr>"
-        for f in headline(result)
-    )
-    warned = "".join(f"<li><b>{escape(c.name)}</b> {escape(c.message)}</li>" for c in _warned(result))
-    return (
-        f"<div><p><b>{escape(title(result))}: {VERDICT_WORDS[result.verdict]}.</b> {escape(verdict_sentence(result))}"
-        f"</p><table>{rows}</table>{f'<ul>{warned}</ul>' if warned else ''}</div>"
-    )
+    from calibrant.reports.html import result_head
+    from calibrant.reports.page import render_answer
+
+    warned = _warned(result)
+    return render_answer(result_head(result, [Block("checks", {"checks": warned})] if warned else []))
 
 
 def _warned(result: CalibrationResult) -> list[Check]:

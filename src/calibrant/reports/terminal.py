@@ -15,28 +15,22 @@ from rich.text import Text
 
 from calibrant.cameras import Camera
 from calibrant.data import DEFAULT_CAMERA, CalibrationResult, TransformEstimate
+from calibrant.diagnose.look import Look, look
+from calibrant.diagnose.loop import LoopView, by_view
+from calibrant.reports.blocks import TextTable
 from calibrant.reports.figures import (
     Fact,
     is_point,
     listed_figures,
     method_rows,
-    noise_facts,
     quaternion_figures,
-    rows_name,
     translation_figures,
     yaw_pitch_roll_figures,
 )
-from calibrant.reports.loop import LoopView, by_view, loop_views
+from calibrant.reports.kinds.registry import kind_of
 from calibrant.reports.numbers import Figure, plain, sigma_text
-from calibrant.reports.words import (
-    STATUS_WORDS,
-    VERDICT_WORDS,
-    ViewRow,
-    sorted_checks,
-    title,
-    verdict_sentence,
-    view_rows,
-)
+from calibrant.reports.rows import ViewRow, view_rows
+from calibrant.reports.words import STATUS_WORDS, VERDICT_WORDS, sorted_checks, title, verdict_sentence
 
 _STATUS_STYLES = {"ok": "green", "warn": "yellow", "fail": "bold red"}
 _VERDICT_STYLES = {"ok": "bold green", "warn": "bold yellow", "refused": "bold red"}
@@ -46,26 +40,47 @@ _ALL_VIEWS_UP_TO = 40
 _WORST_SHOWN = 5
 
 
-def summary(result: CalibrationResult) -> RenderableType:
+def summary(at: CalibrationResult | Look) -> RenderableType:
     """What a person wants to know after a calibration, the verdict last, where the eye is.
 
-    Args: result, of any kind; parts it does not have are left out. Returns: a rich renderable.
+    Args: at, a result of any kind, or a look at one that serves others too; parts it does not have are left out.
+    Returns: a rich renderable.
     """
+    seen = look(at)
+    result, kind = seen.result, kind_of(seen.result)
+    if kind.terminal is not None:
+        return Group(*kind.terminal(result))
     parts: list[RenderableType] = [_headed(title(result))]
     if result.transforms:
         parts.append(Columns([_transform_table(t) for t in result.transforms], padding=(0, 3)))
     parts += [_camera_table(name, camera) for name, camera in result.cameras.items()]
-    facts = noise_facts(result)
+    parts += [text_table(table) for table in kind.tables(result)]
+    facts = kind.facts(result)
     if facts:
         parts.append(_facts_table(facts))
     if result.methods:
         parts.append(_methods_table(result))
     rows = view_rows(result)
     if rows:
-        parts.append(_views(rows, by_view(loop_views(result)), name=rows_name(result)))
+        parts.append(_views(rows, by_view(seen.loop), name=kind.rows))
     if result.checks:
         parts.append(_checks_table(result))
     return Group(*parts, _verdict(result))
+
+
+def text_table(given: TextTable) -> RenderableType:
+    """A table of texts with its heading and its note."""
+    table = _table()
+    for i, column in enumerate(given.columns):
+        last = i == len(given.columns) - 1
+        table.add_column(
+            column.name, justify="right" if column.number else "left", no_wrap=column.number, overflow="fold",
+            min_width=1 if last else None,
+        )  # fmt: skip
+    for row in given.rows:
+        table.add_row(*map(Text, row))
+    note = [Text(given.note, style="dim")] if given.note else []
+    return _headed(given.heading, *([table] if given.rows else []), *note)
 
 
 def _table(*, header: bool = True) -> Table:

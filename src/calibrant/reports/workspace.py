@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibrant.data import CalibrationResult
-from calibrant.diagnose.budget.workspace import PlaceUncertainty, WorkspaceUncertainty, asked_workspace
+from calibrant.diagnose.budget.workspace import PlaceUncertainty, WorkspaceUncertainty
+from calibrant.diagnose.look import Look
 from calibrant.reports.numbers import plain
 
 _LAYERS = 3
@@ -47,9 +48,9 @@ class Share:
     sigma: str
 
 
-def workspace_blocks(result: CalibrationResult) -> list[dict[str, object]]:
+def workspace_blocks(look: Look) -> list[dict[str, object]]:
     """What the page shows of the workspace that the result was asked about: a block a camera, or none."""
-    found = asked_workspace(result)
+    result, found = look.result, look.workspaces
     return [_block(result, name if len(found) > 1 else "", one) for name, one in found.items()]
 
 

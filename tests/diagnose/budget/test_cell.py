@@ -16,9 +16,9 @@ from calibrant.data.details import RobotParameters
 from calibrant.diagnose.budget.cell import several_budgets
 from calibrant.diagnose.budget.volume import parse_volume
 from calibrant.diagnose.budget.workspace import workspace_of_cameras
+from calibrant.diagnose.loop import loop_views
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
-from calibrant.reports.loop import loop_views
 from calibrant.simulate.noise import noisy_poses
 from calibrant.simulate.scenes import grid, gripper_poses, look_at_board, observe, standard_camera, standard_mounting
 

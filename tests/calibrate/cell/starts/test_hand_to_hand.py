@@ -12,9 +12,9 @@ from calibrant.calibrate.cell.problem.layout import Pictures
 from calibrant.calibrate.cell.starts.hand_to_hand import hand_to_hand_start
 from calibrant.data import CalibrationResult, RobotPoses
 from calibrant.diagnose.budget.cell import several_budgets
+from calibrant.diagnose.loop import loop_views
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3, so3
-from calibrant.reports.loop import loop_views
 from calibrant.simulate.noise import noisy_poses
 from calibrant.simulate.scenes import grid, look_at_board, observe, standard_camera
 

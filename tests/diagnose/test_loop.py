@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from calibrant.data import CalibrationResult, RobotPoses, as_transform
+from calibrant.diagnose.loop import by_view, hand_eye_pair, loop_views, target_centre, target_outline
 from calibrant.geometry import se3, so3
-from calibrant.reports.loop import by_view, hand_eye_pair, loop_views, target_centre, target_outline
 
 
 def _exact(setup: str) -> tuple[CalibrationResult, np.ndarray]:

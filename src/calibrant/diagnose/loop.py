@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.cell.problem.layout import Layout, Pictures
+from calibrant.calibrate.cell.problem.layout import STANDING, Layout, Pictures
 from calibrant.calibrate.cell.stated import stated_layout
 from calibrant.data import CalibrationResult, TransformEstimate
 from calibrant.diagnose.residuals import seen_poses
@@ -122,6 +122,24 @@ def _loop_view(
     mm = 1e3 * float(np.linalg.norm(se3.apply(by_camera, centre) - se3.apply(by_robot, centre)))
     deg = float(np.rad2deg(np.linalg.norm(se3.local(by_robot, by_camera)[:3])))
     return LoopView(name, T_base_gripper, T_base_camera, by_robot, by_camera, mm, deg)
+
+
+def other_bases(result: CalibrationResult) -> dict[str, Array]:
+    """T_root_base (4, 4) of every robot's base but the first's, by frame."""
+    layout = stated_layout(result)
+    if layout is None:
+        return {}
+    bases = (layout.base(robot) for robot in layout.robots)
+    return {base: result.transform(layout.root, base).matrix for base in bases if base != layout.root}
+
+
+def standing_cameras(result: CalibrationResult) -> dict[str, Array]:
+    """T_root_camera (4, 4) of cameras that stand still and see targets that do: their loop has no robot."""
+    layout = stated_layout(result)
+    if layout is None:
+        return {}
+    names = dict.fromkeys(p.camera for p in layout.pictures if p.setup == STANDING)
+    return {name: result.transform(layout.root, name).matrix for name in names}
 
 
 def by_view(loop: Sequence[LoopView]) -> dict[tuple[str, str], LoopView]:

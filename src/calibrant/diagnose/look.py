@@ -1,0 +1,85 @@
+"""A finished result, and what is computed from it for whoever shows it: each thing once, when it is first asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.data import CalibrationResult
+
+if TYPE_CHECKING:
+    from calibrant.diagnose.budget.workspace import WorkspaceUncertainty
+    from calibrant.diagnose.coverage import CameraCoverage
+    from calibrant.diagnose.loop import LoopView
+    from calibrant.diagnose.residuals import ViewResiduals
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What a terminal and a page show of a result. One look serves both, so that nothing is solved twice."""
+
+    result: CalibrationResult
+
+    @cached_property
+    def poses(self) -> dict[tuple[str, str], Array]:
+        """T_camera_target (4, 4) by (camera, view id), as stated or fitted."""
+        from calibrant.diagnose.residuals import fitted_poses
+
+        return fitted_poses(self.result)
+
+    @cached_property
+    def residuals(self) -> tuple[ViewResiduals, ...]:
+        """Residuals of every view; empty without observations."""
+        from calibrant.diagnose.residuals import view_residuals
+
+        return () if self.result.observations is None else view_residuals(self.result, self.poses)
+
+    @cached_property
+    def loop(self) -> tuple[LoopView, ...]:
+        """Where the target is by camera and by robot, for results that have both."""
+        if self.result.robot_poses is None or not self.result.transforms:
+            return ()
+        from calibrant.diagnose.loop import loop_views
+
+        return loop_views(self.result)
+
+    @cached_property
+    def coverage(self) -> tuple[CameraCoverage, ...]:
+        """What the views of each camera cover."""
+        from calibrant.diagnose.coverage import covered
+
+        return () if self.result.observations is None else covered(self.result, self.poses, self.residuals)
+
+    @cached_property
+    def workspaces(self) -> dict[str, WorkspaceUncertainty]:
+        """The uncertainty in the workspace that was asked for, by camera."""
+        if self.result.options.get("workspace") is None:
+            return {}
+        from calibrant.diagnose.budget.workspace import asked_workspace
+
+        return asked_workspace(self.result)
+
+    @cached_property
+    def other_bases(self) -> dict[str, Array]:
+        """T_root_base of the robots but the first, by frame."""
+        from calibrant.diagnose.loop import other_bases
+
+        return other_bases(self.result)
+
+    @cached_property
+    def standing_cameras(self) -> dict[str, Array]:
+        """T_root_camera of cameras that see only what stands still, by name."""
+        from calibrant.diagnose.loop import standing_cameras
+
+        return standing_cameras(self.result)
+
+
+def look(at: CalibrationResult | Look) -> Look:
+    """A look at a result; one that was taken already is kept."""
+    return at if isinstance(at, Look) else Look(at)

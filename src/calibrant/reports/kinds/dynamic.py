@@ -1,0 +1,24 @@
+"""Results of `calibrant dynamic`: an external camera by a wrist camera, and what its uncertainty is made of."""
+
+from __future__ import annotations
+
+from calibrant.data import CalibrationResult
+from calibrant.reports.figures import Fact, noise_facts
+from calibrant.reports.kinds.kind import Kind
+from calibrant.reports.kinds.phrases import first_transform, placed
+from calibrant.reports.numbers import plain
+
+SHARE = "variance by "
+"""What the names of the shares begin with."""
+
+
+def _facts(result: CalibrationResult) -> list[Fact]:
+    shares = [
+        Fact(name, f"{plain(100 * share.value, digits=2)} %", "of the variance of the external camera's position")
+        for name, share in sorted(result.figures.items(), key=lambda item: -item[1].value)
+        if name.startswith(SHARE)
+    ]
+    return [*noise_facts(result), *shares]
+
+
+KIND = Kind("Dynamic calibration", placed, first_transform, _facts)

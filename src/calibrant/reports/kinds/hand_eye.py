@@ -1,0 +1,41 @@
+"""Results of `calibrant hand-eye`: where cameras, targets and robots are."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from calibrant.data import CalibrationResult, TransformEstimate
+from calibrant.reports.blocks import TextTable
+from calibrant.reports.figures import Fact, noise_facts
+from calibrant.reports.kinds.kind import Kind
+from calibrant.reports.kinds.phrases import known, placed
+from calibrant.reports.robot import robot_tables
+
+
+def _camera_transforms(result: CalibrationResult) -> list[TransformEstimate]:
+    """Where the cameras are, of a result with several; else the first transform, which is what was asked for."""
+    if len(result.cameras) < 2:
+        return list(result.transforms[:1])
+    return [t for t in result.transforms if t.child in result.cameras and t.parent not in result.cameras]
+
+
+def _headline(result: CalibrationResult) -> list[Fact]:
+    return placed(result, _camera_transforms(result))
+
+
+def _answer(result: CalibrationResult) -> str:
+    return known(_camera_transforms(result))
+
+
+def _tables(result: CalibrationResult) -> list[TextTable]:
+    return robot_tables(result)
+
+
+KIND = Kind(
+    "Hand-eye calibration",
+    _headline,
+    _answer,
+    # Pixels by the robot's word for where it is: many times the RMS error, which has no robot in it.
+    facts=partial(noise_facts, kept_out="RMS on views kept out of the fit, the robot's own error in it"),
+    tables=_tables,
+)

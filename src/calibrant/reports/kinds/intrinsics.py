@@ -1,0 +1,36 @@
+"""Results of `calibrant intrinsics`: a camera."""
+
+from __future__ import annotations
+
+from calibrant.data import CalibrationResult
+from calibrant.data.details import ModelChoice
+from calibrant.reports.blocks import Column, TextTable
+from calibrant.reports.figures import Fact
+from calibrant.reports.kinds.kind import Kind
+from calibrant.reports.kinds.phrases import errors, focal_facts, focal_known, used
+from calibrant.reports.numbers import plain
+
+
+def _headline(result: CalibrationResult) -> list[Fact]:
+    noise = errors(result, "RMS error", "pixel noise, 1σ", "held-out error")
+    return [*focal_facts(result), *noise, *used(result)]
+
+
+def _tables(result: CalibrationResult) -> list[TextTable]:
+    """The models between which the data chose."""
+    choice = result.detail(ModelChoice)
+    if choice is None:
+        return []
+    columns = (Column("model"), Column("free", True), Column("RMS px", True), Column("held-out px", True), Column(""))
+    rows = tuple(
+        (c.model, str(c.free or ""), _pixels(c.rms_px), _pixels(c.held_out_px), c.reason or "")
+        for c in choice.candidates
+    )
+    return [TextTable("Models tried", columns, rows, "The errors on views kept out of the fit decide.")]
+
+
+def _pixels(value: float | None) -> str:
+    return "–" if value is None else plain(value, digits=3)
+
+
+KIND = Kind("Camera calibration", _headline, focal_known, tables=_tables)

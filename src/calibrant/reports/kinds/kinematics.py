@@ -1,0 +1,48 @@
+"""Results of `calibrant kinematics`: a robot's geometry."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from calibrant.data import CalibrationResult
+from calibrant.reports.figures import Fact, noise_facts
+from calibrant.reports.kinds.kind import Kind
+from calibrant.reports.kinds.phrases import errors, transform_facts, used
+from calibrant.reports.numbers import plain
+from calibrant.reports.robot import robot_tables
+
+ROWS = "measurements"
+
+
+def _answer(result: CalibrationResult) -> str:
+    if result.held_out is None or result.held_out.mm is None:
+        return ""
+    return f"Poses kept out of the fit are met to {plain(result.held_out.mm, digits=2)} mm rms."
+
+
+def _headline(result: CalibrationResult) -> list[Fact]:
+    fits = [
+        Fact(name, _rms(result, key), note)
+        for key, name, note in (
+            ("rms_before", "error before, RMS", "the robot as it was given, its best base and tool"),
+            ("rms_after", "error after, RMS", "on the measurements that were fitted"),
+        )
+        if f"{key}_mm" in result.figures
+    ]
+    held = errors(result, "held-out error")
+    return [*fits, *held, *transform_facts(result.transforms[:1]), *used(result, ROWS)]
+
+
+def _rms(result: CalibrationResult, key: str) -> str:
+    parts = [(result.figures.get(f"{key}_{unit}"), unit) for unit in ("mm", "deg")]
+    return ", ".join(f"{plain(figure.value, digits=3)} {unit}" for figure, unit in parts if figure is not None)
+
+
+KIND = Kind(
+    "Kinematic calibration",
+    _headline,
+    _answer,
+    partial(noise_facts, rows=ROWS, robot="measuring noise, 1σ", kept_out="RMS on measurements kept out of the fit"),
+    ROWS,
+    robot_tables,
+)

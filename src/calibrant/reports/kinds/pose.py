@@ -1,0 +1,8 @@
+"""Results of `calibrant pose`: where a target is in the camera's frame."""
+
+from __future__ import annotations
+
+from calibrant.reports.kinds.kind import Kind
+from calibrant.reports.kinds.phrases import first_transform, placed
+
+KIND = Kind("Target pose", placed, first_transform)

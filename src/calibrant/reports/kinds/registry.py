@@ -1,0 +1,46 @@
+"""The kinds of results there are. A new one is a file beside this one and a line here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from calibrant.data import CalibrationResult
+from calibrant.reports.kinds import (
+    doctor,
+    dynamic,
+    hand_eye,
+    intrinsics,
+    kinematics,
+    observations,
+    pose,
+    rig,
+    self_visibility,
+    time_offset,
+    tool,
+    undistorted,
+    vanishing,
+)
+from calibrant.reports.kinds.kind import Kind
+from calibrant.reports.kinds.phrases import first_transform, placed
+
+KINDS: Mapping[str, Kind] = {
+    "intrinsics": intrinsics.KIND,
+    "hand-eye": hand_eye.KIND,
+    "rig": rig.KIND,
+    "doctor": doctor.KIND,
+    "kinematics": kinematics.KIND,
+    "time-offset": time_offset.KIND,
+    "tool": tool.KIND,
+    "dynamic": dynamic.KIND,
+    "self-visibility": self_visibility.KIND,
+    "pose": pose.KIND,
+    "vanishing": vanishing.KIND,
+    "undistorted": undistorted.KIND,
+    "observations": observations.KIND,
+}
+
+
+def kind_of(result: CalibrationResult) -> Kind:
+    """The kind of a result; for one that nobody registered, its name as the title and what every result has."""
+    head = placed if result.transforms else intrinsics.KIND.headline
+    return KINDS.get(result.kind) or Kind(f"Calibration: {result.kind}", head, first_transform)

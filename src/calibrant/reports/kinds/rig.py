@@ -1,0 +1,8 @@
+"""Results of several cameras that are fixed to each other."""
+
+from __future__ import annotations
+
+from calibrant.reports.kinds.kind import Kind
+from calibrant.reports.kinds.phrases import focal_known, placed
+
+KIND = Kind("Rig calibration", placed, focal_known)

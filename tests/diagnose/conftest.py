@@ -1,0 +1,3 @@
+"""The results that are looked at here."""
+
+from tests.made_results import hand_eye_result as hand_eye_result

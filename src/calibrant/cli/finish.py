@@ -17,6 +17,7 @@ from calibrant.tasks.writing import write_documents
 
 if TYPE_CHECKING:
     from calibrant.data import CalibrationResult
+    from calibrant.diagnose.look import Look
 
 _LISTED = 3
 """Files of one folder that are named; of more, their number."""
@@ -25,13 +26,15 @@ _LISTED = 3
 def finish(outcome: Outcome, call: Call) -> None:
     """Write the documents, show the summary, say what was written. Raises: InputError; the outcome's own refusal."""
     outputs = call.outputs
-    written = write_documents(_documents(outcome, call), force=outputs.force)
+    # One look serves page and terminal: what both show is computed once.
+    seen = None if outcome.result is None else _seen(outcome.result)
+    written = write_documents(_documents(outcome, call, seen), force=outputs.force)
     if outputs.json and outcome.result is not None:
         from calibrant.data.result_file import result_text
 
         sys.stdout.write(result_text(outcome.result) + "\n")
     elif not outputs.silent:
-        _show(outcome)
+        _show(outcome, seen)
         if written:
             sys.stdout.write(f"\nWritten: {', '.join(_listed(written))}\n")
     if outcome.refusal is not None:
@@ -46,12 +49,12 @@ def explained(error: RefusedError, call: Call) -> RefusedError:
     report = call.outputs.report
     if report is None or not isinstance(error.result, CalibrationResult):
         return error
-    page = Document(report, partial(_page, with_misses(error.result)))
+    page = Document(report, partial(_page, _seen(with_misses(error.result))))
     write_documents([page], force=call.outputs.force)
     return RefusedError(f"{error}\ncalibrant: {report} shows the refused calibration")
 
 
-def _documents(outcome: Outcome, call: Call) -> Iterator[Document]:
+def _documents(outcome: Outcome, call: Call, seen: Look | None) -> Iterator[Document]:
     """Every file of a command: the result, what stands beside it, what was asked for, and the report."""
     outputs, result = call.outputs, outcome.result
     if outputs.out is not None and result is not None:
@@ -59,8 +62,14 @@ def _documents(outcome: Outcome, call: Call) -> Iterator[Document]:
         for document in outcome.beside:
             yield replace(document, path=beside_of(outputs.out, document.path.name, force=outputs.force))
     yield from outcome.documents
-    if outputs.report is not None and result is not None:
-        yield Document(outputs.report, _page_maker(outcome, result))
+    if outputs.report is not None and seen is not None:
+        yield Document(outputs.report, _page_maker(outcome, seen))
+
+
+def _seen(result: CalibrationResult) -> Look:
+    from calibrant.diagnose.look import look
+
+    return look(result)
 
 
 def _result_bytes(result: CalibrationResult) -> bytes:
@@ -69,21 +78,21 @@ def _result_bytes(result: CalibrationResult) -> bytes:
     return (result_text(result) + "\n").encode()
 
 
-def _page_maker(outcome: Outcome, result: CalibrationResult) -> partial[bytes]:
-    return partial(_page, result) if outcome.page is None else partial(_encoded, outcome)
+def _page_maker(outcome: Outcome, seen: Look) -> partial[bytes]:
+    return partial(_page, seen) if outcome.page is None else partial(_encoded, outcome)
 
 
 def _encoded(outcome: Outcome) -> bytes:
     return b"" if outcome.page is None else outcome.page().encode()
 
 
-def _page(result: CalibrationResult) -> bytes:
-    from calibrant.reports.html import render_report
+def _page(seen: Look) -> bytes:
+    from calibrant.reports.html import report_page
 
-    return render_report(result, images={}).encode()
+    return report_page(seen).encode()
 
 
-def _show(outcome: Outcome) -> None:
+def _show(outcome: Outcome, seen: Look | None) -> None:
     from rich.console import Console
     from rich.text import Text
 
@@ -91,10 +100,10 @@ def _show(outcome: Outcome) -> None:
         words = outcome.summary()
         # Lines of text are as long as their words; what Rich lays out itself is laid into the terminal's width.
         Console().print(words, soft_wrap=isinstance(words, Text))
-    elif outcome.result is not None:
+    elif seen is not None:
         from calibrant.reports.terminal import summary
 
-        Console().print(summary(outcome.result))
+        Console().print(summary(seen))
 
 
 def _listed(written: list[Path]) -> list[str]:

@@ -35,22 +35,24 @@ def report(
     from calibrant.cli import session
     from calibrant.data.result_file import read_result
     from calibrant.data.verdicts import refuse_if_failed
+    from calibrant.diagnose.look import look
     from calibrant.tasks.robots.hand_eye import in_workspace
 
     outputs = session.Outputs(report=out, quiet=quiet, force=force)
     outputs.check()
     outputs.spare([result])
     found = in_workspace(read_result(result), workspace, tolerance, target_sigma)
+    seen = look(found)
     if not quiet:
         from rich.console import Console
 
         from calibrant.reports.terminal import summary
 
-        Console().print(summary(found))
+        Console().print(summary(seen))
     if out is not None:
         from calibrant.reports.html import write_report
 
-        write_report(found, out, force=force)
+        write_report(seen, out, force=force)
         if not quiet:
             typer.echo(f"\nWritten: {out}")
     if workspace is not None:

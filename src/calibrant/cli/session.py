@@ -125,14 +125,16 @@ def detect_boards(
 def finish(result: CalibrationResult, outputs: Outputs) -> None:
     """Print the summary, write the files and say which. Raises: RefusedError for a result that failed its checks."""
     from calibrant.data.verdicts import refuse_if_failed
+    from calibrant.diagnose.look import look
 
     refuse_if_failed(result)
+    seen = look(result)
     if not outputs.quiet and not outputs.json:
         from rich.console import Console
 
         from calibrant.reports.terminal import summary
 
-        Console().print(summary(result))
+        Console().print(summary(seen))
     if outputs.out is not None:
         result.write(outputs.out, force=outputs.force)
     if outputs.opencv is not None:
@@ -142,7 +144,7 @@ def finish(result: CalibrationResult, outputs: Outputs) -> None:
     if outputs.report is not None:
         from calibrant.reports.html import write_report
 
-        write_report(result, outputs.report, force=outputs.force)
+        write_report(seen, outputs.report, force=outputs.force)
     if outputs.json:
         from calibrant.data.result_file import result_text
 

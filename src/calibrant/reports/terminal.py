@@ -7,6 +7,7 @@ when the output is not a terminal.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Literal
 
 from rich.columns import Columns
 from rich.console import Group, RenderableType
@@ -70,13 +71,10 @@ def summary(at: CalibrationResult | Look) -> RenderableType:
 
 def text_table(given: TextTable) -> RenderableType:
     """A table of texts with its heading and its note."""
-    table = _table()
-    for i, column in enumerate(given.columns):
-        last = i == len(given.columns) - 1
-        table.add_column(
-            column.name, justify="right" if column.number else "left", no_wrap=column.number, overflow="fold",
-            min_width=1 if last else None,
-        )  # fmt: skip
+    table = _table(header=any(column.name for column in given.columns))
+    for column in given.columns:
+        side: Literal["left", "right"] = "right" if column.number else "left"
+        table.add_column(column.name, justify=side, no_wrap=column.number, overflow="fold")
     for row in given.rows:
         table.add_row(*map(Text, row))
     note = [Text(given.note, style="dim")] if given.note else []

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-import html
 import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
-from rich.console import Console, Group, RenderableType
-from rich.table import Table
+from markupsafe import Markup
+from rich.console import Group, RenderableType
 from rich.text import Text
 
+from calibrant.reports.blocks import Block, Column, Page, TextTable
 from calibrant.reports.numbers import plain
+from calibrant.reports.page import render
+from calibrant.reports.terminal import text_table
 from calibrant.studies.methods import USES, Method, Outcome, Use
 from calibrant.studies.sweeps import Row, Swept
 
 FORMAT = "calibrant-study/1"
-WIDTH = 80
 SHORT = {
     "fronto-parallel": "facing",
     "coplanar points": "coplanar",
@@ -100,84 +101,72 @@ def study_text(study: Study) -> str:
     return json.dumps(document, indent=1, ensure_ascii=False)
 
 
-def tables(study: Study) -> RenderableType:
-    """The whole study for a terminal of 80 columns."""
-    parts: list[RenderableType] = [Text(study.subject, style="bold"), Text(study.truth, style="dim"), Text()]
-    parts += [_compared_table(use, study.compared) for use in USES if any(c.method.use == use for c in study.compared)]
+def study_tables(study: Study) -> list[TextTable]:
+    """The study's tables, for a terminal and for a page."""
+    found = [_compared_table(use, study.compared) for use in USES if any(c.method.use == use for c in study.compared)]
     if study.sweeps:
-        parts.append(
-            Text("Where each fails: median error of the focal length in %, or why it is refused", style="bold")
-        )
-        parts.append(
-            Text(
-                f"Over {study.sweeps[0].trials} scenes a value; a word is a refusal, * says that some were refused.\n",
-                style="dim",
-            )
-        )
-    parts += [_sweep_table(s) for s in study.sweeps]
+        heading = "Where each fails: median error of the focal length in %, or why it is refused"
+        scenes = study.sweeps[0].trials
+        note = f"Over {scenes} scenes a value; a word is a refusal, * says that some were refused."
+        found.append(TextTable(heading, (), (), note))
+    found += [_sweep_table(s) for s in study.sweeps]
     messages = _refusals(study)
     if messages:
-        parts.append(Text("Refusals", style="bold"))
-        parts += [Text(m) for m in messages]
-    return Group(*parts)
+        found.append(TextTable("Refusals", (Column(""),), tuple((m,) for m in messages)))
+    return found
+
+
+def tables(study: Study) -> RenderableType:
+    """The whole study for a terminal of 80 columns."""
+    head = [Text(study.subject, style="bold"), Text(study.truth, style="dim"), Text()]
+    return Group(*head, *map(text_table, study_tables(study)))
 
 
 def page(study: Study) -> str:
     """The study as one HTML page: the tables, and a curve a sweep."""
-    console = Console(record=True, width=WIDTH + 20, file=io.StringIO())
-    console.print(tables(study))
-    body = console.export_html(inline_styles=True, code_format="<pre>{code}</pre>")
-    figures = "".join(
-        f"<figure>{_curves(s)}<figcaption>{html.escape(s.sweep.lesson)}</figcaption></figure>" for s in study.sweeps
-    )
-    title = html.escape(study.subject)
-    return (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>body{{font:16px/1.4 '
-        "system-ui,sans-serif;max-width:66rem;margin:2rem auto;padding:0 1rem;color:#222;background:#fff}"
-        "pre{font:13px/1.3 ui-monospace,monospace;overflow-x:auto}figure{display:inline-block;margin:0 1rem 1rem 0}"
-        "figure svg{max-width:100%;height:auto}figcaption{font-size:.9rem;color:#555}</style>"
-        f"<h1>Calibration methods compared</h1>{body}<h2>Curves</h2>{figures}</html>\n"
-    )
+    blocks = [table.block for table in study_tables(study)]
+    if study.sweeps:
+        curves = [{"svg": Markup(_curves(s)), "caption": s.sweep.lesson} for s in study.sweeps]
+        blocks.append(Block("curves", {"heading": "Curves", "curves": curves}))
+    return render(Page("Calibration methods compared", "", "", f"{study.subject}. {study.truth}", (), blocks))
 
 
-def _compared_table(use: Use, compared: Sequence[Compared]) -> RenderableType:
+def _compared_table(use: Use, compared: Sequence[Compared]) -> TextTable:
     rows = [c for c in compared if c.method.use == use]
-    table = _table_block()
-    table.add_column("method", no_wrap=True)
-    for heading in ("RMS px", "f err %", "c err px", "rot deg", "pos mm", "ms", "refused"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    names = ("RMS px", "f err %", "c err px", "rot deg", "pos mm", "ms", "refused")
+    columns = (Column("method"), *(Column(name, number=True) for name in names))
+    texts: list[tuple[str, ...]] = []
     for c in rows:
         refused = f"{c.refused}/{c.runs}" if c.refused else ""
         o = c.outcome
         if o.refused is not None:
-            table.add_row(c.method.name, Text(o.refused, style="yellow"), "", "", "", "", "", refused)
+            texts.append((c.method.name, o.refused, "", "", "", "", "", refused))
             continue
         figures = (o.rms_px, o.focal_percent, o.centre_px, o.rotation_deg, o.position_mm)
-        table.add_row(c.method.name, *(_figure(v) for v in figures), _figure(o.milliseconds, 2), refused)
+        texts.append((c.method.name, *(_figure(v) for v in figures), _figure(o.milliseconds, 2), refused))
     count = max(c.runs for c in rows)
     many = "" if count == 1 else f", median of {count} views"
-    return Group(Text(f"{use.capitalize()}{many} (–: taken as known, or not known)", style="bold"), table, Text())
+    return TextTable(f"{use.capitalize()}{many} (–: taken as known, or not known)", columns, tuple(texts))
 
 
-def _sweep_table(swept: Swept) -> RenderableType:
+def _sweep_table(swept: Swept) -> TextTable:
     unit = f" [{swept.sweep.unit}]" if swept.sweep.unit else ""
-    table = _table_block()
-    table.add_column(f"{swept.sweep.title}{unit}", no_wrap=True)
-    for value in swept.sweep.values:
-        table.add_column(f"{value:g}", justify="right", no_wrap=True)
+    name = f"{swept.sweep.title}{unit}"
+    columns = (Column("method"), *(Column(f"{value:g}", number=True) for value in swept.sweep.values))
+    rows: list[tuple[str, ...]] = []
     use = ""
     for row in swept.rows:
         if row.use != use:
             use = row.use
-            table.add_row(Text(use, style="dim"))
-        table.add_row(f"  {row.method}", *(_cell(o, n) for o, n in zip(row.outcomes, row.refused)))
-    return Group(table, Text(swept.sweep.lesson, style="dim"), Text())
+            rows.append((use, *("" for _ in swept.sweep.values)))
+        rows.append((f"  {row.method}", *(_cell(o, n) for o, n in zip(row.outcomes, row.refused))))
+    return TextTable(name, columns, tuple(rows), swept.sweep.lesson)
 
 
-def _cell(outcome: Outcome, refused: int) -> RenderableType:
+def _cell(outcome: Outcome, refused: int) -> str:
     if outcome.refused is not None:
-        return Text(SHORT.get(outcome.refused, outcome.refused), style="yellow")
-    return Text(_figure(outcome.focal_percent) + "*" * bool(refused))
+        return SHORT.get(outcome.refused, outcome.refused)
+    return _figure(outcome.focal_percent) + "*" * bool(refused)
 
 
 def _figure(value: float | None, digits: int = 2) -> str:
@@ -186,10 +175,6 @@ def _figure(value: float | None, digits: int = 2) -> str:
     if value == 0 or abs(value) < EXACT_PERCENT:
         return "exact"
     return plain(value, digits=digits) if abs(value) >= 1e-3 else f"{value:.0e}"
-
-
-def _table_block() -> Table:
-    return Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
 
 
 def _refusals(study: Study) -> list[str]:

@@ -15,13 +15,9 @@ from calibrant.errors import InputError, RefusedError
 from calibrant.tasks.robots import hand_eye_data
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
-
     from calibrant.data import CalibrationResult, RobotPoses
     from calibrant.diagnose.doctor.diagnosis import Diagnosis
-
-WORDS = {"ok": "noted", "warn": "warning", "fail": "FAULT"}
-STYLES = {"ok": "", "warn": "yellow", "fail": "bold red"}
+    from calibrant.diagnose.look import Look
 
 
 @dataclass(frozen=True)
@@ -45,22 +41,26 @@ class Repair:
 
 def run(request: hand_eye_data.Request, outputs: session.Outputs, repair: Repair) -> None:
     """Run the whole command. Raises: InputError, RefusedError; the latter also for faults that stand unrepaired."""
+    from calibrant.data.verdicts import stamp
     from calibrant.diagnose.doctor.diagnosis import as_result
+    from calibrant.diagnose.look import look
 
     data = hand_eye_data.read(request)
     with session.status("Examining the data …", quiet=request.quiet):
         diagnosis = hand_eye_data.diagnose(data, request)
-    loud = not outputs.quiet and not outputs.json
-    if loud:
+    result = stamp(replace(as_result(diagnosis), inputs=session.file_records(data.files)))
+    found = look(result)
+    if not outputs.quiet and not outputs.json:
         from rich.console import Console
 
-        Console().print(summary(diagnosis))
-    result = replace(as_result(diagnosis), inputs=session.file_records(data.files))
+        from calibrant.reports.terminal import summary
+
+        Console().print(summary(found))
     if repair.apply:
         result = repaired(diagnosis, data, request)
         if repair.poses is not None:
             session.write_bytes(repair.poses, csv_text(diagnosis.repaired.poses).encode())
-    _write(result, diagnosis, outputs, repair)
+    _write(result, found, outputs, repair)
     if not repair.apply:
         _require_sound(diagnosis)
 
@@ -98,15 +98,16 @@ def repaired(diagnosis: Diagnosis, data: hand_eye_data.PairedData, request: hand
     return review(complete.with_detail(faults(diagnosis.findings)))
 
 
-def _write(result: CalibrationResult, diagnosis: Diagnosis, outputs: session.Outputs, repair: Repair) -> None:
-    from calibrant.data.result_file import result_text, write_text
+def _write(result: CalibrationResult, found: Look, outputs: session.Outputs, repair: Repair) -> None:
+    """Write the result, and the page of what was found, also where it was repaired."""
+    from calibrant.data.result_file import result_text
 
     if outputs.out is not None:
         result.write(outputs.out, force=outputs.force)
     if outputs.report is not None:
-        from calibrant.reports.doctor import render
+        from calibrant.reports.html import write_report
 
-        write_text(render(diagnosis), outputs.report, force=outputs.force)
+        write_report(found, outputs.report, force=outputs.force)
     if outputs.json:
         sys.stdout.write(result_text(result) + "\n")
     elif not outputs.quiet:
@@ -114,9 +115,9 @@ def _write(result: CalibrationResult, diagnosis: Diagnosis, outputs: session.Out
         if repair.apply:
             from rich.console import Console
 
-            from calibrant.reports.terminal import summary as result_summary
+            from calibrant.reports.terminal import summary
 
-            Console().print(result_summary(result))
+            Console().print(summary(result))
         if written:
             sys.stdout.write(f"\nWritten: {', '.join(str(p) for p in written)}\n")
 
@@ -140,30 +141,3 @@ def csv_text(poses: RobotPoses) -> str:
     for name, t, q in zip(poses.ids, T[:, :3, 3], quaternion_xyzw_from_matrix(T[:, :3, :3])):
         writer.writerow([name, *(repr(float(v)) for v in (*t, *q))])
     return buffer.getvalue()
-
-
-def summary(diagnosis: Diagnosis) -> RenderableType:
-    """What was found, for a terminal: the worst first, each with its confidence and what to do."""
-    from rich.console import Group
-    from rich.padding import Padding
-    from rich.text import Text
-
-    parts: list[RenderableType] = [Text("Doctor", style="bold"), Text(diagnosis.poses.decision.message), Text()]
-    for f in diagnosis.findings:
-        heading = f"{WORDS[f.status]}  {f.name}  (confidence {_percent(f.confidence)})"
-        parts.append(Text(heading, style=STYLES[f.status]))
-        parts.append(Padding(Text(f.message), (0, 0, 0, 4)))
-        if f.proposal:
-            parts.append(Padding(Text(f"proposed: {f.proposal}"), (0, 0, 0, 4)))
-    before, after = diagnosis.examination.before, diagnosis.examination.after
-    if not diagnosis.findings:
-        parts.append(Text("nothing wrong found", style="green"))
-    if before is not None and after is not None:
-        text = f"the loop closes to {before.text} rms"
-        parts.append(Text(text if before == after else f"{text} as given, to {after.text} repaired"))
-    return Group(*parts)
-
-
-def _percent(value: float) -> str:
-    """A confidence in per cent that is never rounded up to certainty."""
-    return "> 99.9 %" if value > 0.999 else f"{100 * value:.1f} %"

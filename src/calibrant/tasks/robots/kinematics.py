@@ -11,14 +11,9 @@ from calibrant.cli import session
 from calibrant.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from rich.console import RenderableType
-
     from calibrant.calibrate.kinematics.identify import KinematicCalibration
     from calibrant.calibrate.kinematics.model import Gravity
     from calibrant.data import CalibrationResult
-    from calibrant.data.details import JointAxis
     from calibrant.formats.robots.read import Robot
 
 ROBOT_SUFFIXES = (".urdf", ".xml", ".yaml", ".yml")
@@ -85,10 +80,6 @@ def run(request: Request, outputs: session.Outputs) -> None:
             gravity=_gravity(request, robot),
         )
     result = _complete(calibration, request, measurements.source)
-    if not request.quiet and not outputs.quiet:
-        from rich.console import Console
-
-        Console().print(tables(calibration))
     session.finish(result, outputs)
     _write_robot(calibration, robot, request)
     _write_commands(calibration, request)
@@ -154,50 +145,6 @@ def _complete(calibration: KinematicCalibration, request: Request, source: str) 
     return replace(
         result, inputs=session.file_records(files), options={k: v for k, v in options.items() if v is not None}
     )
-
-
-def tables(calibration: KinematicCalibration) -> RenderableType:
-    """The identified parameters, what was left out, and the axes of a free model."""
-    from rich.console import Group
-    from rich.table import Table
-    from rich.text import Text
-
-    from calibrant.calibrate.kinematics.identify import figure
-    from calibrant.calibrate.kinematics.result import joint_axes
-
-    parts: list[RenderableType] = []
-    table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0))
-    table.add_column("parameter")
-    table.add_column("correction", justify="right")
-    table.add_column("± 1σ", justify="right")
-    own = [p for p in calibration.fitted if p.parameter.group not in ("base", "tool")]
-    for row in own if not calibration.free_model else []:
-        table.add_row(
-            row.parameter.name, figure(row.correction, row.parameter.unit), figure(row.sigma or 0.0, row.parameter.unit)
-        )
-    if table.rows:
-        parts += [Text("Identified", style="bold"), table, Text("")]
-    for found in joint_axes(calibration):
-        parts += [Text("Axes in the measuring frame", style="bold"), _axes_table(found.axes), Text("")]
-    left = [p for p in calibration.parameters if p.sigma is None]
-    redundant = [p.parameter.name for p in left if p.reason.startswith("redundant")]
-    if redundant:
-        parts += [Text(f"Redundant, not fitted: {', '.join(redundant)}", style="dim"), Text("")]
-    return Group(*parts)
-
-
-def _axes_table(axes: Sequence[JointAxis]) -> RenderableType:
-    from rich.table import Table
-
-    table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0))
-    for heading in ("joint", "direction x, y, z", "± deg", "point mm", "± mm"):
-        table.add_column(heading)
-    for row in axes:
-        direction = ", ".join(f"{v:.6f}" for v in row.direction)
-        point = ", ".join(f"{1e3 * v:.3f}" for v in row.point)
-        tilt, shift = ("–" if s is None else f"{s:.2g}" for s in (row.sigma_direction_deg, row.sigma_point_mm))
-        table.add_row(row.joint, direction, tilt, point if row.kind == "revolute" else "–", shift)
-    return table
 
 
 def _write_robot(calibration: KinematicCalibration, robot: Robot | None, request: Request) -> None:

@@ -71,3 +71,21 @@ def test_errors_are_of_one_family() -> None:
 def test_detect_is_a_function(tmp_path: Path) -> None:
     with pytest.raises(cb.InputError, match="does not exist"):
         cb.detect([str(tmp_path / "none.png")], target="charuco:5x7:36.195mm:18.256mm:DICT_6X6_250")
+
+
+def test_geometry_is_a_door_to_its_modules() -> None:
+    import importlib
+
+    for name in cb.geometry.__all__:
+        assert getattr(cb.geometry, name) is importlib.import_module(f"calibrant.geometry.{name}")
+    assert cb.geometry is importlib.import_module("calibrant.geometry")
+    with pytest.raises(AttributeError, match="it has frames, grasp_equations"):
+        cb.geometry.quaternions  # noqa: B018 - the message lists what there is
+    files = {f.stem for f in Path(cb.geometry.__file__ or "").parent.glob("*.py")} - {"__init__"}
+    assert files == set(cb.geometry.__all__)
+
+
+def test_the_door_to_geometry_loads_nothing_until_asked() -> None:
+    code = "import sys, calibrant; calibrant.geometry; print([m for m in sys.modules if 'calibrant.geometry.' in m])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.strip() == "[]"

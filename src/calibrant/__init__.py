@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from calibrant.version import __version__ as __version__
 
 if TYPE_CHECKING:
+    from calibrant import geometry as geometry
     from calibrant.calibrate.cell.calibrate import calibrate_several as calibrate_several
     from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye as calibrate_hand_eye
     from calibrant.calibrate.cell.problem.joint_offsets import JointReadings as JointReadings
@@ -52,6 +53,7 @@ _PUBLIC = {
     "calibrate_intrinsics": ("calibrant.calibrate.intrinsics.calibrate", "calibrate_intrinsics"),
     "calibrate_several": ("calibrant.calibrate.cell.calibrate", "calibrate_several"),
     "detect": ("calibrant.detection.pipeline", "detect"),
+    "geometry": ("calibrant.geometry", ""),
     "intrinsics": ("calibrant.tasks.verbs", "intrinsics"),
     "parse_target": ("calibrant.targets.registry", "parse_target"),
     "read": ("calibrant.data.result_file", "read_result"),
@@ -65,7 +67,8 @@ def __getattr__(name: str) -> Any:
     if name not in _PUBLIC:
         raise AttributeError(f"module 'calibrant' has no attribute {name!r}; it has {', '.join(__all__)}")
     module, attribute = _PUBLIC[name]
-    value = getattr(import_module(module), attribute)
+    found = import_module(module)
+    value = getattr(found, attribute) if attribute else found
     globals()[name] = value
     return value
 

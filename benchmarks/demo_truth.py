@@ -57,7 +57,7 @@ def run_rendered(seed: int, setup: Setup, views: int) -> tuple[TransformTruth, P
     from calibrant.tasks.demo import run_demo
 
     with tempfile.TemporaryDirectory() as folder:
-        outcome = run_demo(Path(folder) / "demo", seed=seed, views=views, setup=setup, quiet=True)
+        outcome = run_demo(Path(folder) / "demo", seed=seed, views=views, setup=setup)
     return outcome.camera_truth, outcome.tool_point
 
 

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from calibrant.geometry.frames import FrameGraph as FrameGraph
     from calibrant.reports.html import write_report as write_report
     from calibrant.targets.registry import parse_target as parse_target
+    from calibrant.tasks.verbs import doctor as doctor
+    from calibrant.tasks.verbs import hand_eye as hand_eye
     from calibrant.tasks.verbs import intrinsics as intrinsics
 
     read = result_file.read_result
@@ -53,7 +55,9 @@ _PUBLIC = {
     "calibrate_intrinsics": ("calibrant.calibrate.intrinsics.calibrate", "calibrate_intrinsics"),
     "calibrate_several": ("calibrant.calibrate.cell.calibrate", "calibrate_several"),
     "detect": ("calibrant.detection.pipeline", "detect"),
+    "doctor": ("calibrant.tasks.verbs", "doctor"),
     "geometry": ("calibrant.geometry", ""),
+    "hand_eye": ("calibrant.tasks.verbs", "hand_eye"),
     "intrinsics": ("calibrant.tasks.verbs", "intrinsics"),
     "parse_target": ("calibrant.targets.registry", "parse_target"),
     "read": ("calibrant.data.result_file", "read_result"),

@@ -42,10 +42,11 @@ def demo(
     as on your own data: find the board, calibrate the camera, calibrate hand and eye, write results and report. At the
     end each figure stands beside its predicted uncertainty and beside the truth, which only a simulation knows.
     """
+    from calibrant.cli.progress import listener
     from calibrant.data.result_encoding import format_json
     from calibrant.tasks.demo import result_json, run_demo
 
-    outcome = run_demo(out, seed=seed, views=views, setup=setup.value, quiet=quiet or json)
+    outcome = run_demo(out, seed=seed, views=views, setup=setup.value, listener=listener(silent=quiet or json))
     if json:
         typer.echo(format_json(result_json(outcome)))
     elif not quiet:

@@ -36,12 +36,13 @@ def report(
     from calibrant.data.result_file import read_result
     from calibrant.data.verdicts import refuse_if_failed
     from calibrant.diagnose.look import look
-    from calibrant.tasks.robots.hand_eye import in_workspace
+    from calibrant.tasks.options.workspace import WorkspaceOptions
 
     outputs = session.Outputs(report=out, quiet=quiet, force=force)
     outputs.check()
     outputs.spare([result])
-    found = in_workspace(read_result(result), workspace, tolerance, target_sigma)
+    asked = WorkspaceOptions(workspace=workspace, tolerance=tolerance, target_sigma=target_sigma)
+    found = asked.applied(read_result(result))
     seen = look(found)
     if not quiet:
         from rich.console import Console

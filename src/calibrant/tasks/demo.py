@@ -15,7 +15,6 @@ from rich.table import Table
 from rich.text import Text
 
 from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics
-from calibrant.cli import session
 from calibrant.data import CalibrationResult
 from calibrant.data.result_encoding import encode
 from calibrant.data.result_file import write_result, write_text
@@ -25,7 +24,8 @@ from calibrant.reports.numbers import sigma_text, value_text
 from calibrant.simulate.cell import Cell, make_cell, photograph
 from calibrant.simulate.scenes import Setup
 from calibrant.simulate.truth import CONFIDENCE, PointTruth, TransformTruth, point_truth, transform_truth
-from calibrant.tasks.robots.hand_eye import Request, calibrate
+from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.robots.hand_eye import Request, run
 
 MARK = "truth.json"
 """The file by which a demo knows a folder that it wrote itself, and may therefore write again."""
@@ -45,7 +45,7 @@ class DemoOutcome:
     seconds: dict[str, float]
 
 
-def run_demo(folder: Path, *, seed: int, views: int, setup: Setup, quiet: bool = False) -> DemoOutcome:
+def run_demo(folder: Path, *, seed: int, views: int, setup: Setup, listener: Listener = SILENT) -> DemoOutcome:
     """Photograph a cell into `folder` and calibrate it from these files alone, as `calibrant hand-eye` does.
 
     Raises: InputError when the folder holds something that no demo wrote, or cannot be written; RefusedError when the
@@ -55,15 +55,13 @@ def run_demo(folder: Path, *, seed: int, views: int, setup: Setup, quiet: bool =
     _claim(folder)
     clock = _Clock()
     write_text(_truth_text(cell), folder / MARK, force=True)
-    with session.progress("Photographing the board", quiet=quiet) as step:
+    with listener.progress("Photographing the board") as step:
         images, poses = photograph(cell, folder, progress=lambda done, total: step(done, total, ""))
     clock.lap("photograph")
-    request = Request(
-        poses=(str(poses),), images=(str(images[0].parent),), target=cell.target.spec, setup=setup, quiet=quiet
-    )
-    hand_eye = calibrate(request)
+    request = Request(poses=(str(poses),), images=(str(images[0].parent),), target=(cell.target.spec,), setup=(setup,))
+    hand_eye = run(request, listener).result
     clock.lap("detect and calibrate")
-    if hand_eye.observations is None or len(hand_eye.transforms) != 2:
+    if hand_eye is None or hand_eye.observations is None or len(hand_eye.transforms) != 2:
         raise RefusedError(
             "the calibration of the simulated cell gave no transforms; run again with --debug, report it"
         )

@@ -43,6 +43,8 @@ TASKS = {
         "cameras.detect", "Find a board in photos.", ("out", "json"), "Write the observations file (JSON) here."
     ),
     "intrinsics": Entry("cameras.intrinsics", "Calibrate a camera from photos of a board."),
+    "hand-eye": Entry("robots.hand_eye", "Find where the camera is, on a robot or beside it."),
+    "doctor": Entry("robots.doctor", "Find what is wrong with hand-eye data, and repair it."),
 }
 """Every command by its words: "intrinsics", "tool touch"."""
 GROUPS: dict[str, str] = {}

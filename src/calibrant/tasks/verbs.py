@@ -67,6 +67,8 @@ def _run(task: Task, values: Mapping[str, Any], *, force: bool) -> CalibrationRe
             check_folder(_spared(path, inputs), option=field.name)
     outcome = task.run(request, SILENT)
     write_documents(outcome.documents, force=force)
+    if outcome.result is None and outcome.refusal is not None:
+        raise outcome.refusal
     return outcome.result
 
 

@@ -1,71 +1,119 @@
-"""What `calibrant doctor` does: examine, say what was found, and with --apply calibrate from the repaired data."""
+"""Find what is wrong with hand-eye data; with `apply`, calibrate from the repaired data."""
 
 from __future__ import annotations
 
 import csv
 import io
-import sys
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from calibrant.cli import session
 from calibrant.errors import InputError, RefusedError
-from calibrant.tasks.robots import hand_eye_data
+from calibrant.tasks import session
+from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.cameras import KnownCameraOptions, LensOptions
+from calibrant.tasks.options.images import NamedPhotoOptions, PointsOptions, SearchOptions
+from calibrant.tasks.options.option import Option
+from calibrant.tasks.options.poses import PoseOptions, TargetPoseOptions
+from calibrant.tasks.options.robots import RobotOptions
+from calibrant.tasks.options.words import split_names
+from calibrant.tasks.outcome import Document, Outcome
+from calibrant.tasks.robots import hand_eye_list
+from calibrant.tasks.robots.hand_eye_list import ListRequest, PairedData
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
+
     from calibrant.data import CalibrationResult, RobotPoses
     from calibrant.diagnose.doctor.diagnosis import Diagnosis
     from calibrant.diagnose.look import Look
 
+EXAMPLE = 'cb.doctor(images="photos/*.png", poses="poses.csv", target="chessboard:9x6:25mm")'
 
-@dataclass(frozen=True)
-class Repair:
-    """Whether repairs are applied, and where the repaired poses go."""
 
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """Find what is wrong with hand-eye data: how poses are written, pairing, flipped boards, size, motion.
+
+    calibrant doctor --images photos/*.png --poses poses.csv --target chessboard:9x6:25mm
+
+    Proposes a repair for each fault and shows how the loop closes before and after it. Nothing is changed: --apply
+    calibrates from the repaired data and writes new files. Exit status 1 when a fault stands unrepaired.
+    """
+
+    poses: Annotated[tuple[str, ...], Option("FILES")]
+    """File of robot poses, or one file a pose."""
+    photos: NamedPhotoOptions = NamedPhotoOptions()
+    points: PointsOptions = PointsOptions()
+    measured: TargetPoseOptions = TargetPoseOptions()
+    known: KnownCameraOptions = KnownCameraOptions()
+    setup: Annotated[str, Option("SETUP")] = "auto"
+    """auto, eye-in-hand or eye-to-hand."""
+    form: PoseOptions = PoseOptions()
+    arm: RobotOptions = RobotOptions()
     apply: bool = False
-    poses: Path | None = None
-
-    def check(self, outputs: session.Outputs, inputs: Sequence[str]) -> None:
-        """Raises: InputError for a file that cannot be written, or that nobody asked to be repaired."""
-        if self.poses is None:
-            return
-        if not self.apply:
-            raise InputError("--repaired-poses goes with --apply: without it nothing is repaired")
-        session.check_writable(self.poses, force=outputs.force)
-        taken = {Path(f).resolve() for f in [*inputs, *map(str, outputs.paths)]}
-        if self.poses.resolve() in taken:
-            raise InputError(f"{self.poses} is an input or another output of this command; give it a name of its own")
+    """Repair the data in memory and calibrate: --out, --repaired-poses are new files."""
+    repaired_poses: Annotated[Path | None, Option("FILE.csv", output="file")] = None
+    """With --apply: the repaired poses, T_base_gripper in metres."""
+    lens: LensOptions = LensOptions()
+    search: SearchOptions = SearchOptions()
 
 
-def run(request: hand_eye_data.Request, outputs: session.Outputs, repair: Repair) -> None:
-    """Run the whole command. Raises: InputError, RefusedError; the latter also for faults that stand unrepaired."""
+def reads(request: Request) -> list[str]:
+    """Every file that is named, and the photos that patterns stand for."""
+    return hand_eye_list.named_files(_list_request(request, SILENT))
+
+
+def run(request: Request, listener: Listener = SILENT) -> Outcome:
+    """What was found, or the calibration of the repaired data; faults that stand unrepaired are the outcome's refusal.
+
+    Raises: InputError; RefusedError where nothing can be said of the data.
+    """
     from calibrant.data.verdicts import stamp
     from calibrant.diagnose.doctor.diagnosis import as_result
     from calibrant.diagnose.look import look
 
-    data = hand_eye_data.read(request)
-    with session.status("Examining the data …", quiet=request.quiet):
-        diagnosis = hand_eye_data.diagnose(data, request)
-    result = stamp(replace(as_result(diagnosis), inputs=session.file_records(data.files)))
-    found = look(result)
-    if not outputs.quiet and not outputs.json:
-        from rich.console import Console
+    if request.repaired_poses is not None and not request.apply:
+        raise InputError("--repaired-poses goes with --apply: without it nothing is repaired")
+    asked = _list_request(request, listener)
+    data = hand_eye_list.read(asked)
+    with listener.status("Examining the data …"):
+        diagnosis = hand_eye_list.diagnose(data, asked)
+    found = stamp(replace(as_result(diagnosis), inputs=session.file_records(data.files)))
+    if not request.apply:
+        return Outcome(result=found, refusal=_refusal(diagnosis))
+    seen = look(found)
+    try:
+        with listener.status("Calibrating from the repaired data …"):
+            result = _repaired(diagnosis, data, asked)
+    except RefusedError as error:
+        return Outcome(summary=partial(_words, seen), refusal=error)
+    documents = []
+    if request.repaired_poses is not None:
+        documents.append(Document(request.repaired_poses, csv_text(diagnosis.repaired.poses).encode()))
+    # The page shows what was found, also where it was repaired.
+    return Outcome(result=result, documents=documents, summary=partial(_words, seen, result), page=partial(_page, seen))
 
-        from calibrant.reports.terminal import summary
 
-        Console().print(summary(found))
-    if repair.apply:
-        result = repaired(diagnosis, data, request)
-        if repair.poses is not None:
-            session.write_bytes(repair.poses, csv_text(diagnosis.repaired.poses).encode())
-    _write(result, found, outputs, repair)
-    if not repair.apply:
-        _require_sound(diagnosis)
+def _list_request(request: Request, listener: Listener) -> ListRequest:
+    return ListRequest(
+        poses=request.poses,
+        images=request.photos.images,
+        target=request.photos.target,
+        observations=request.points.observations,
+        measured=request.measured,
+        camera=request.known.camera,
+        setup=request.setup,
+        form=request.form,
+        arm=request.arm,
+        lens=request.lens,
+        search=request.search,
+        listener=listener,
+    )
 
 
-def repaired(diagnosis: Diagnosis, data: hand_eye_data.PairedData, request: hand_eye_data.Request) -> CalibrationResult:
+def _repaired(diagnosis: Diagnosis, data: PairedData, request: ListRequest) -> CalibrationResult:
     """The hand-eye calibration of the repaired data; what was repaired is said as warnings.
 
     Raises: RefusedError for a fault that only a person can cure, and as the calibration does.
@@ -76,8 +124,7 @@ def repaired(diagnosis: Diagnosis, data: hand_eye_data.PairedData, request: hand
     from calibrant.diagnose.doctor.repair import calibrate_repaired
     from calibrant.diagnose.review import review
 
-    with session.status("Calibrating from the repaired data …", quiet=request.quiet):
-        found = calibrate_repaired(diagnosis, model=request.model, fix=request.fix)
+    found = calibrate_repaired(diagnosis, model=request.lens.model, fix=split_names(request.lens.fix))
     result = session.with_misses(found)
     done = tuple(
         Check(f.name, "warn", f"repaired: {f.check.message}" if f.proposal else f.message, f.check.value)
@@ -98,36 +145,29 @@ def repaired(diagnosis: Diagnosis, data: hand_eye_data.PairedData, request: hand
     return review(complete.with_detail(faults(diagnosis.findings)))
 
 
-def _write(result: CalibrationResult, found: Look, outputs: session.Outputs, repair: Repair) -> None:
-    """Write the result, and the page of what was found, also where it was repaired."""
-    from calibrant.data.result_file import result_text
+def _words(*shown: CalibrationResult | Look) -> RenderableType:
+    """What was found, and the calibration from the repaired data where there is one."""
+    from rich.console import Group
 
-    if outputs.out is not None:
-        result.write(outputs.out, force=outputs.force)
-    if outputs.report is not None:
-        from calibrant.reports.html import write_report
+    from calibrant.reports.terminal import summary
 
-        write_report(found, outputs.report, force=outputs.force)
-    if outputs.json:
-        sys.stdout.write(result_text(result) + "\n")
-    elif not outputs.quiet:
-        written = [*outputs.paths, *([repair.poses] if repair.poses is not None else [])]
-        if repair.apply:
-            from rich.console import Console
-
-            from calibrant.reports.terminal import summary
-
-            Console().print(summary(result))
-        if written:
-            sys.stdout.write(f"\nWritten: {', '.join(str(p) for p in written)}\n")
+    return Group(*map(summary, shown))
 
 
-def _require_sound(diagnosis: Diagnosis) -> None:
+def _page(seen: Look) -> str:
+    from calibrant.reports.html import report_page
+
+    return report_page(seen)
+
+
+def _refusal(diagnosis: Diagnosis) -> RefusedError | None:
+    """What is said when faults stand unrepaired; None where there are none."""
     failed = [f for f in diagnosis.findings if f.status == "fail"]
-    if failed:
-        names = ", ".join(dict.fromkeys(f.name for f in failed))
-        cure = "; --apply calibrates from repaired data" if all(f.proposal for f in failed) else ""
-        raise RefusedError(f"the data are not fit for calibration: {names}{cure}")
+    if not failed:
+        return None
+    names = ", ".join(dict.fromkeys(f.name for f in failed))
+    cure = "; --apply calibrates from repaired data" if all(f.proposal for f in failed) else ""
+    return RefusedError(f"the data are not fit for calibration: {names}{cure}")
 
 
 def csv_text(poses: RobotPoses) -> str:

@@ -1,111 +1,199 @@
-"""What `calibrant hand-eye` does: read, pair, ask the doctor, calibrate."""
+"""Find where the camera is: every list read, paired and examined by the doctor, then all calibrated as one cell."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from calibrant.cli import session
-from calibrant.errors import InputError, RefusedError
-from calibrant.tasks.robots import hand_eye_data
-from calibrant.tasks.robots.hand_eye_data import named_files as named_files
+from calibrant.errors import InputError
+from calibrant.tasks import session
+from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.cameras import LensOptions
+from calibrant.tasks.options.images import CornerOptions, PointsOptions, SearchOptions
+from calibrant.tasks.options.option import Option
+from calibrant.tasks.options.poses import PoseOptions, TargetPoseOptions
+from calibrant.tasks.options.robots import RobotOptions
+from calibrant.tasks.options.words import split_names
+from calibrant.tasks.options.workspace import WorkspaceOptions
+from calibrant.tasks.outcome import Outcome
+from calibrant.tasks.robots.hand_eye_list import ListRequest
+from calibrant.tasks.robots.hand_eye_names import ONLY_CAMERA, Names, names_of
+from calibrant.tasks.robots.hand_eye_pictures import ReadList, files_of, joints_of, poses_of, read_lists
 
 if TYPE_CHECKING:
-    from calibrant.data import CalibrationResult, Check
-    from calibrant.diagnose.doctor.diagnosis import Diagnosis
-    from calibrant.diagnose.doctor.evidence.finding import Finding
+    from calibrant.data import CalibrationResult
+
+EXAMPLE = 'cb.hand_eye(images="photos/*.png", poses="poses.csv", target="chessboard:9x6:25mm")'
 
 
-@dataclass(frozen=True)
-class Request(hand_eye_data.Request):
-    """The command's arguments, as given."""
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """Find where the camera is: on the gripper or beside the robot.
 
-    method: str = "joint"
-    workspace: str | None = None
-    tolerance: str | None = None
-    target_sigma: str | None = None
+    calibrant hand-eye --images photos/*.png --poses poses.csv --target chessboard:9x6:25mm --out result.json
 
+    Reads the poses as they are written (units, rotation, direction are found from the data and said), calibrates
+    camera, robot and target in one problem, and refuses what the motions cannot determine.
 
-def calibrate(request: Request) -> CalibrationResult:
-    """Run the whole command. Raises: InputError, RefusedError as the parts do."""
-    from calibrant.calibrate.cell.by_method import JOINT, require_method
-    from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye
-    from calibrant.diagnose.budget.volume import check_request
+    Several cameras: --images left=photos/left --images right=photos/right. Several robots: --poses a=a.csv --poses
+    b=b.csv --images top@a=photos/a --images top@b=photos/b.
+    """
 
-    check_request(request.workspace, request.tolerance, request.target_sigma)
-    if require_method(request.method) != JOINT and request.workspace is not None:
-        raise InputError(f"--workspace needs an uncertainty, which {request.method} does not state; leave --method out")
-    data = hand_eye_data.read(request)
-    with session.status("Examining the data …", quiet=request.quiet):
-        diagnosis = hand_eye_data.diagnose(data, request)
-    require_sound(diagnosis)
-    target = data.T_camera_target if data.observations is None else diagnosis.numbered(data.observations)
-    with session.status("Calibrating …", quiet=request.quiet):
-        result = calibrate_hand_eye(
-            diagnosis.poses.notation.poses,
-            target,  # type: ignore[arg-type]
-            setup=diagnosis.poses.setup,
-            camera=data.camera,
-            model=request.model,
-            fix=request.fix,
-            method=request.method,
-        )
-    return _complete(session.with_misses(result), diagnosis, data, request)
-
-
-def require_sound(diagnosis: Diagnosis) -> None:
-    """Raises: RefusedError naming what failed, and the command that repairs what can be repaired."""
-    failed = [f for f in diagnosis.findings if f.status == "fail"]
-    if not failed:
-        return
-    words = "; ".join(f"{f.name}: {f.check.message}" for f in failed)
-    if all(f.proposal for f in failed):
-        words += "; calibrant doctor with the same arguments and --apply calibrates from repaired data"
-    raise RefusedError(words)
+    poses: Annotated[tuple[str, ...], Option("FILES")]
+    """File of robot poses, or one file a pose; of several robots: NAME=FILE for each."""
+    images: Annotated[tuple[str, ...], Option("IMAGES", "-i")] = ()
+    """Photos, folders or patterns; of several cameras: NAME=IMAGES for each, NAME@ROBOT=IMAGES with several robots."""
+    target: Annotated[tuple[str, ...], Option("SPEC", "-t")] = ()
+    """The board: chessboard:9x6:25mm (inner corners), charuco:5x7:36mm:18mm:DICT_6X6_250 (squares), or a file; of one
+    of several cameras: NAME=SPEC."""
+    points: PointsOptions = PointsOptions()
+    measured: TargetPoseOptions = TargetPoseOptions()
+    camera: Annotated[tuple[str, ...], Option("FILE")] = ()
+    """Known camera (any format), of several NAME=FILE; without it the photos calibrate it."""
+    setup: Annotated[tuple[str, ...], Option("SETUP")] = ()
+    """auto (the default), eye-in-hand or eye-to-hand; of one of several cameras: NAME=SETUP, or NAME=standing for a
+    camera and a board that both stand beside the robot."""
+    form: PoseOptions = PoseOptions()
+    arm: RobotOptions = RobotOptions()
+    identify: Annotated[tuple[str, ...], Option("GROUPS")] = ()
+    """With --robot and joint values: find the robot's own errors too: offsets, gear, coupling, geometry."""
+    method: Annotated[str, Option("NAME")] = "joint"
+    """joint (weighs pixels and robot, states its uncertainty), or a closed form: tsai, park, horaud, …"""
+    volume: WorkspaceOptions = WorkspaceOptions()
+    lens: LensOptions = LensOptions()
+    search: SearchOptions = SearchOptions()
+    corners: CornerOptions = CornerOptions()
 
 
-def _complete(
-    result: CalibrationResult, diagnosis: Diagnosis, data: hand_eye_data.PairedData, request: Request
-) -> CalibrationResult:
-    """The result with what was decided on the way, as checks, and the files it was made from."""
-    from calibrant.data import Check, verdict_of
+def reads(request: Request) -> list[str]:
+    """Every file that is named, and the photos that patterns stand for."""
+    return files_of(_names(request), _common(request, SILENT))
+
+
+def run(request: Request, listener: Listener = SILENT) -> Outcome:
+    """The calibrated cell, reviewed.
+
+    Raises: InputError; RefusedError where the data determine nothing or contradict it, with the result where it got
+    that far.
+    """
+    from calibrant.data import verdict_of
+    from calibrant.data.verdicts import refuse_if_failed
     from calibrant.diagnose.review import review
 
-    decision = diagnosis.poses.decision
-    checks = (
-        Check("pose-reading", "ok", decision.message, decision.confidence),
-        *doctor_checks(diagnosis.findings, result.checks),
-        Check("pairing", "ok", data.pairing),
-        *result.checks,
-    )
-    options = {**result.options, **({"mirror_x": True} if request.mirror_x else {})}
+    names, common = _names(request), _common(request, listener)
+    _check_options(request, names)
+    identify = split_names(request.identify)
+    lists = read_lists(names, common, joined=not names.plain or bool(identify))
+    with listener.status("Calibrating …"):
+        result = _calibrated(lists, names, common, identify, request.method)
+    checks = (*(c for p in lists for c in p.checks(result.checks, alone=names.plain)), *result.checks)
     done = replace(
         result,
         checks=checks,
         verdict=verdict_of(checks),
-        options=options,
-        decided={**result.decided, "pose_reading": decision.notation.description},
-        inputs=session.file_records(data.files),
+        options={**result.options, **({"mirror_x": True} if request.search.mirror_x else {})},
+        decided={**result.decided, **_notations(lists, names)},
+        inputs=session.file_records(f for p in lists for f in p.files),
     )
-    return in_workspace(review(done), request.workspace, request.tolerance, request.target_sigma)
+    reviewed = request.volume.applied(review(session.with_misses(done)))
+    refuse_if_failed(reviewed)
+    return Outcome(result=reviewed)
 
 
-def doctor_checks(findings: Sequence[Finding], known: Sequence[Check]) -> list[Check]:
-    """The findings as checks, but for questions that the calibration has answered itself, and better."""
-    answered = {c.name for c in known}
-    return [f.check for f in findings if f.name not in answered]
+def _names(request: Request) -> Names:
+    return names_of(
+        images=request.images,
+        poses=request.poses,
+        cameras=request.camera,
+        setups=request.setup,
+        targets=request.target,
+        beside_photos=request.points.observations is not None or bool(request.measured.target_poses),
+    )
 
 
-def in_workspace(
-    result: CalibrationResult, workspace: str | None, tolerance: str | None, target_sigma: str | None
+def _common(request: Request, listener: Listener) -> ListRequest:
+    """What all lists have in common."""
+    return ListRequest(
+        poses=(),
+        observations=request.points.observations,
+        measured=request.measured,
+        form=request.form,
+        arm=request.arm,
+        lens=request.lens,
+        search=request.search,
+        corners=request.corners,
+        listener=listener,
+    )
+
+
+def _check_options(request: Request, names: Names) -> None:
+    """Options that do not go together. Raises: InputError."""
+    from calibrant.calibrate.cell.by_method import JOINT, require_method
+
+    request.volume.check()
+    closed_form = require_method(request.method) != JOINT
+    if closed_form and request.volume.workspace is not None:
+        raise InputError(f"--workspace needs an uncertainty, which {request.method} does not state; leave --method out")
+    if closed_form and (not names.plain or request.identify):
+        raise InputError(
+            f"--method {request.method}: a closed form knows one camera on one robot; the report lists all of them"
+        )
+    if not request.identify:
+        return
+    if request.points.observations is not None or request.measured.target_poses:
+        raise InputError("several cameras or robots, and free joints, are calibrated from photos: give --images")
+    if request.volume.workspace is not None:
+        raise InputError(
+            "--workspace is not available with --identify: the result file does not hold what the offsets add to it; "
+            "calibrate once more with the corrected robot, without --identify"
+        )
+    if request.arm.robot is None:
+        raise InputError("--identify needs the joints: --robot FILE, and --poses with joint values")
+
+
+def _calibrated(
+    lists: Sequence[ReadList], names: Names, common: ListRequest, identify: tuple[str, ...], method: str
 ) -> CalibrationResult:
-    """The result with its accuracy in the workspace asked for, where one is. Raises: InputError for a wrong volume."""
-    from calibrant.diagnose.budget.volume import check_request
+    """All lists in one problem."""
+    from calibrant.calibrate.cell.calibrate import calibrate_several
+    from calibrant.calibrate.cell.problem.layout import ONLY_ROBOT
 
-    check_request(workspace, tolerance, target_sigma)
-    if workspace is None:
-        return result
-    from calibrant.diagnose.budget.workspace import with_workspace
+    if names.plain and not identify and lists[0].camera == ONLY_CAMERA and lists[0].diagnosis is not None:
+        return _calibrated_alone(lists[0], common, method)
+    robots = {name or ONLY_ROBOT: poses_of(lists, name or ONLY_ROBOT) for name in names.poses}
+    joints = {name: joints_of(lists, name, robots[name], common) for name in robots} if identify else None
+    return calibrate_several(
+        robots,
+        [p.pictures for p in lists if p.pictures is not None],
+        cameras={p.camera: p.lens for p in lists if p.lens is not None},
+        joints=joints,
+        identify=identify or ("offsets",),
+        model=common.lens.model,
+        fix=split_names(common.lens.fix),
+    )
 
-    return with_workspace(result, workspace, tolerance=tolerance, target_sigma=target_sigma)
+
+def _calibrated_alone(part: ReadList, common: ListRequest, method: str) -> CalibrationResult:
+    """One list of the only camera and robot, also of target poses, by any method."""
+    from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye
+
+    data, diagnosis = part.data, part.diagnosis
+    if data is None or diagnosis is None:
+        raise InputError("a closed form needs a camera that moves against its target; leave --method out")
+    target = data.T_camera_target if data.observations is None else diagnosis.numbered(data.observations)
+    return calibrate_hand_eye(
+        diagnosis.poses.notation.poses,
+        target,  # type: ignore[arg-type]
+        setup=diagnosis.poses.setup,
+        camera=data.camera,
+        model=common.lens.model,
+        fix=split_names(common.lens.fix),
+        method=method,
+    )
+
+
+def _notations(lists: Sequence[ReadList], names: Names) -> dict[str, str]:
+    """How the poses of every list are read."""
+    named = {p.camera: p.notation for p in lists if p.notation}
+    return {f"pose_reading{'' if names.plain else ' ' + camera}": notation for camera, notation in named.items()}

@@ -1,65 +1,66 @@
-"""What `hand-eye` and `doctor` both begin with: poses read and paired with photos or target poses, and the doctor."""
+"""What `hand-eye` and `doctor` both begin with: a list of photos or target poses, paired with poses and examined."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
-from calibrant.cli import session
 from calibrant.errors import InputError, RefusedError
-from calibrant.tasks.inputs.robot_choice import RobotChoice
+from calibrant.tasks import session
 from calibrant.tasks.inputs.sources import Source, kept
-from calibrant.tasks.listener import SILENT
-from calibrant.tasks.options.images import SearchOptions
+from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.cameras import LensOptions
+from calibrant.tasks.options.images import CornerOptions, SearchOptions
+from calibrant.tasks.options.poses import PoseOptions, TargetPoseOptions
+from calibrant.tasks.options.robots import RobotOptions
+from calibrant.tasks.options.words import split_names
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from calibrant.cameras import Camera
     from calibrant.data import Missed, Observations, View
-    from calibrant.detection.subpixel.refinement import Refinement
     from calibrant.diagnose.doctor.diagnosis import Diagnosis
     from calibrant.diagnose.doctor.evidence.finding import Finding
     from calibrant.formats.poses.read import PoseNotation, RawPoses
 
-Array = NDArray[np.float64]
 
-
-@dataclass(frozen=True)
-class Request:
-    """The arguments that say what the data are, as given."""
+@dataclass(frozen=True, kw_only=True)
+class ListRequest:
+    """One list of photos, of points found before, or of target poses, and the robot poses that belong to it."""
 
     poses: tuple[str, ...]
     images: tuple[str, ...] = ()
     target: str | None = None
     observations: Path | None = None
-    target_poses: tuple[str, ...] = ()
-    target_rotation: str = "auto"
+    measured: TargetPoseOptions = TargetPoseOptions()
     camera: Path | None = None
     setup: str = "auto"
-    units: str = "auto"
-    rotation: str = "auto"
-    angle: str = "auto"
-    direction: str = "auto"
-    model: str = "brown"
-    fix: tuple[str, ...] = ()
-    mirror_x: bool = False
-    exclude: tuple[str, ...] = ()
-    workers: str | None = None
-    cache: str | None = None
-    quiet: bool = False
-    refinement: Refinement | None = None
-    arm: RobotChoice = field(default_factory=RobotChoice)
+    form: PoseOptions = PoseOptions()
+    arm: RobotOptions = RobotOptions()
+    lens: LensOptions = LensOptions()
+    search: SearchOptions = SearchOptions()
+    corners: CornerOptions = CornerOptions()
+    listener: Listener = SILENT
 
     @property
     def source(self) -> Source:
         """Where the points come from."""
-        search = SearchOptions(mirror_x=self.mirror_x, exclude=self.exclude, workers=self.workers, cache=self.cache)
-        listener = SILENT
-        return Source(self.images, self.target, self.observations, search, self.refinement, listener)
+        return Source(
+            images=self.images,
+            target=self.target,
+            observations=self.observations,
+            search=self.search,
+            refinement=self.corners.refinement(),
+            listener=self.listener,
+        )
+
+    @property
+    def of_photos(self) -> bool:
+        """Whether its points come from photos, searched now or before."""
+        return bool(self.images) or self.observations is not None
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,55 +77,41 @@ class PairedData:
     files: tuple[str | Path, ...]
     observations: Observations | None = None
     camera: Camera | None = None
-    T_camera_target: Array | None = None
+    T_camera_target: NDArray | None = None
     raw: RawPoses | None = None
     pose_index: tuple[int, ...] = ()
     target_reading: Finding | None = None
 
 
-def named_files(request: Request) -> list[str]:
+def named_files(request: ListRequest) -> list[str]:
     """The files and folders named by the request, with what patterns of photos stand for."""
-    named = [*request.poses, *request.target_poses, *request.images, *request.arm.files]
+    named = [*request.poses, *request.measured.target_poses, *request.images, *request.arm.files]
     named += [str(p) for p in (request.camera, request.observations) if p is not None]
     return [*named, *(str(f) for f in (request.source.files() if request.images else []))]
 
 
-def read(request: Request) -> PairedData:
+def read(request: ListRequest) -> PairedData:
     """Read, detect and pair. Raises: InputError as the parts do."""
-    from calibrant.formats.poses.read import read_poses
-
     _check_setup(request.setup)
-    _check_inputs(request)
-    raw = read_poses(
-        list(request.poses),
-        units=request.units,
-        rotation=request.rotation,
-        angle=request.angle,
-        direction=request.direction,
-        robot=request.arm.chain(),
-        joint_angle=request.arm.joint_angle,
-        maker=request.arm.maker,
-    )
-    if request.images or request.observations is not None:
-        return _with_images(request, raw)
-    return _with_target_poses(request, raw)
+    _check_list(request)
+    raw = request.form.read(request.poses, request.arm)
+    return _with_images(request, raw) if request.of_photos else _with_target_poses(request, raw)
 
 
-def diagnose(data: PairedData, request: Request) -> Diagnosis:
+def diagnose(data: PairedData, request: ListRequest) -> Diagnosis:
     """What the doctor says of the data. Raises: RefusedError where the motions or the readings determine nothing."""
     from calibrant.diagnose.doctor.diagnosis import diagnose_poses, diagnose_views
 
     setup = request.setup
     if data.observations is None:
-        B = np.asarray(data.T_camera_target)
-        found = diagnose_poses(data.complete, B, setup=setup)  # type: ignore[arg-type]
+        found = diagnose_poses(data.complete, data.T_camera_target, setup=setup)  # type: ignore[arg-type]
         return found if data.target_reading is None else replace(found, findings=(*found.findings, data.target_reading))
     observations, camera = _seen(data, request)
     given = data.camera is not None
     return diagnose_views(data.complete, observations, camera, setup=setup, camera_given=given)  # type: ignore[arg-type]
 
 
-def _seen(data: PairedData, request: Request) -> tuple[Observations, Camera]:
+def _seen(data: PairedData, request: ListRequest) -> tuple[Observations, Camera]:
     """The observations without points that do not belong, and the camera that saw them."""
     from calibrant.calibrate.cell.views import MINIMUM_POINTS
     from calibrant.calibrate.intrinsics.one_model import calibrate_keeping
@@ -134,7 +121,7 @@ def _seen(data: PairedData, request: Request) -> tuple[Observations, Camera]:
         raise RefusedError(f"no photo shows {MINIMUM_POINTS} points of the board or more; nothing to calibrate from")
     if data.camera is not None:
         return observations, data.camera
-    found = calibrate_keeping(observations, model=request.model, fix=request.fix)
+    found = calibrate_keeping(observations, model=request.lens.model, fix=split_names(request.lens.fix))
     return replace(observations, views=found.views), found.result.camera
 
 
@@ -145,26 +132,26 @@ def _check_setup(setup: str) -> None:
         raise InputError(f"unknown setup {setup!r}; choose auto, {' or '.join(SETUPS)}")
 
 
-def _check_inputs(request: Request) -> None:
+def _check_list(request: ListRequest) -> None:
     """Photos or pose pairs, and no option that goes with the other kind. Raises: InputError."""
-    if request.images or request.observations is not None:
-        if request.target_poses:
+    if request.of_photos:
+        if request.measured.target_poses:
             raise InputError("give photos (--images) or measured target poses (--target-poses), not both")
         request.source.files()
         return
-    if request.target is not None and not request.target_poses:
+    if request.target is not None and not request.measured.target_poses:
         raise InputError("--target is given but no photos: name them with --images (or give --observations FILE)")
     for option, given in (
         ("--target", request.target),
         ("--camera", request.camera),
-        ("--fix", request.fix),
-        ("--mirror-x", request.mirror_x),
+        ("--fix", request.lens.fix),
+        ("--mirror-x", request.search.mirror_x),
     ):
         if given:
             raise InputError(f"{option} goes with photos (--images); poses of the target are taken as they are")
 
 
-def _with_images(request: Request, raw: RawPoses) -> PairedData:
+def _with_images(request: ListRequest, raw: RawPoses) -> PairedData:
     from calibrant.formats.cameras.read import read_camera
     from calibrant.formats.poses.pairing import match_raw
     from calibrant.formats.poses.read import notations
@@ -176,7 +163,7 @@ def _with_images(request: Request, raw: RawPoses) -> PairedData:
     observations = source.read(files)
     ids = _ids_of(observations, files)
     pairing = early if early is not None else match_raw(raw, ids)
-    session.load_solver(quiet=request.quiet)
+    session.load_solver(request.listener)
     size = next(iter(observations.image_sizes.values()))
     camera = None if request.camera is None else read_camera(request.camera, image_size=size)
     observations = replace(observations, views=tuple(replace(v, moment=v.id) for v in observations.views))
@@ -198,12 +185,13 @@ def _ids_of(observations: Observations, files: Sequence[Path]) -> list[str]:
     return [by_file[str(f)] for f in files]
 
 
-def _with_target_poses(request: Request, raw: RawPoses) -> PairedData:
+def _with_target_poses(request: ListRequest, raw: RawPoses) -> PairedData:
     from calibrant.diagnose.doctor.target_notation import decide_target_notation
     from calibrant.formats.poses.read import notations, read_poses
 
-    if request.target_poses:
-        target = read_poses(list(request.target_poses), rotation=request.target_rotation)
+    measured = request.measured
+    if measured.target_poses:
+        target = read_poses(list(measured.target_poses), rotation=measured.target_pose_rotation)
     elif raw.target is not None:
         target = raw.target
     else:
@@ -211,16 +199,16 @@ def _with_target_poses(request: Request, raw: RawPoses) -> PairedData:
             "robot poses alone do not say where the camera is: give photos (--images with --target), or measured "
             "poses of the target (--target-poses)"
         )
-    session.load_pose_solver(quiet=request.quiet)
-    names, pose_index, target_index, pairing = _pair(raw, target, request.exclude)
+    session.load_pose_solver(request.listener)
+    names, pose_index, target_index, pairing = _pair(raw, target, split_names(request.search.exclude))
     complete = tuple(r.take(pose_index, names) for r in notations(raw))
     of_target = [r.take(target_index, names) for r in notations(target, direction="base-gripper")]
     decided = decide_target_notation(complete, of_target)
     return PairedData(
         complete,
         pairing,
-        (*request.poses, *request.target_poses),
-        T_camera_target=np.asarray(decided.notation.T_base_gripper),
+        (*request.poses, *measured.target_poses),
+        T_camera_target=decided.notation.T_base_gripper,
         raw=raw,
         pose_index=tuple(pose_index),
         target_reading=decided.finding,

@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from calibrant.cameras.camera import Camera
 from calibrant.errors import InputError
+from calibrant.geometry import se3
 
 Array = NDArray[np.float64]
 
@@ -64,6 +66,10 @@ class View:
     def __repr__(self) -> str:
         of = "" if self.camera == DEFAULT_CAMERA else f" of {self.camera}"
         return f"View({self.id!r}{of}, {len(self)} points)"
+
+    def residuals(self, camera: Camera, T_camera_target: ArrayLike) -> Array:
+        """Predicted minus seen (n, 2), pixels, with the target at T_camera_target (4, 4); NaN behind the camera."""
+        return camera.project(se3.apply(T_camera_target, self.points)) - self.uv
 
     def subset(self, keep: NDArray[np.bool_]) -> View:
         """The view with the points where keep (n,) is true."""

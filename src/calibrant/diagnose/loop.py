@@ -120,7 +120,7 @@ def _loop_view(
         return LoopView(name, T_base_gripper, T_base_camera, by_robot)
     by_camera = T_base_camera @ T_camera_target
     mm = 1e3 * float(np.linalg.norm(se3.apply(by_camera, centre) - se3.apply(by_robot, centre)))
-    deg = float(np.rad2deg(np.linalg.norm(se3.local(by_robot, by_camera)[:3])))
+    deg = float(se3.deviation(by_robot, by_camera)[1])
     return LoopView(name, T_base_gripper, T_base_camera, by_robot, by_camera, mm, deg)
 
 

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from calibrant.data import CalibrationResult, Check, View, ViewResult
 from calibrant.errors import InputError
-from calibrant.geometry import se3
 from calibrant.optimize.chances import chi2_tail
 
 Array = NDArray[np.float64]
@@ -100,7 +99,7 @@ def view_residuals(result: CalibrationResult, poses: Mapping[tuple[str, str], Ar
         T, camera = poses.get((view.camera, view.id)), result.cameras.get(view.camera)
         if T is None or camera is None:
             continue
-        r = camera.project(se3.apply(T, view.points)) - view.uv
+        r = view.residuals(camera, T)
         seen = np.all(np.isfinite(r), axis=-1)
         is_used = (view.camera, view.id) in used
         out.append(ViewResiduals(view.id, view.camera, is_used, view.uv[seen], r[seen], T, view.file))

@@ -74,6 +74,22 @@ def local(T_from: ArrayLike, T_to: ArrayLike) -> Array:
     return np.concatenate([omega, b[..., :3, 3] - a[..., :3, 3]], axis=-1)
 
 
+def mm_and_deg(delta: ArrayLike) -> tuple[Array, Array]:
+    """How large deviations (..., 6) are, radians and metres: distance in mm (...) and angle in degrees (...)."""
+    d = np.asarray(delta, dtype=np.float64)
+    return 1e3 * np.linalg.norm(d[..., 3:], axis=-1), np.rad2deg(np.linalg.norm(d[..., :3], axis=-1))
+
+
+def deviation(T_from: ArrayLike, T_to: ArrayLike) -> tuple[Array, Array]:
+    """How far transforms (..., 4, 4) are apart: distance of their origins in mm (...), angle in degrees (...).
+
+    >>> mm, deg = deviation(np.eye(4), make(so3.exp([0.0, 0.0, np.pi / 2]), [0.0, 0.003, 0.004]))
+    >>> float(mm.round(6)), float(deg.round(6))
+    (5.0, 90.0)
+    """
+    return mm_and_deg(local(T_from, T_to))
+
+
 def adjoint(T_a_b: ArrayLike) -> Array:
     """Ad with T exp(xi) T^-1 = exp(Ad xi), twists ordered (omega, v): [[R, 0], [hat(t) R, R]].
 

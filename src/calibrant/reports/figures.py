@@ -174,6 +174,5 @@ def _propagated(J: Array, estimate: TransformEstimate) -> list[float | None]:
 def _method_row(name: str, method: MethodResult, reference: Array | None) -> MethodRow:
     mm = deg = None
     if method.matrix is not None and reference is not None:
-        delta = se3.local(reference, method.matrix)
-        mm, deg = 1e3 * float(np.linalg.norm(delta[3:])), float(np.rad2deg(np.linalg.norm(delta[:3])))
+        mm, deg = map(float, se3.deviation(reference, method.matrix))
     return MethodRow(name, method.loop_rms_mm, method.loop_rms_deg, mm, deg, method.message)

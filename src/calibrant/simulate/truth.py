@@ -38,12 +38,12 @@ class TransformTruth:
     @property
     def translation_mm(self) -> float:
         """Distance between the estimated and the true origin."""
-        return float(1e3 * np.linalg.norm(self.error[3:]))
+        return float(se3.mm_and_deg(self.error)[0])
 
     @property
     def rotation_deg(self) -> float:
         """Angle between the estimated and the true rotation."""
-        return float(np.rad2deg(np.linalg.norm(self.error[:3])))
+        return float(se3.mm_and_deg(self.error)[1])
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from calibrant.calibrate.intrinsics.fit import Start, refine
 from calibrant.calibrate.reprojection.factor import stack
 from calibrant.cameras import Camera, camera_model
 from calibrant.errors import CalibrantError, InputError, RefusedError
-from calibrant.geometry import se3, so3
+from calibrant.geometry import se3
 from calibrant.studies.scenes import Case
 
 Array = NDArray[np.float64]
@@ -156,7 +156,7 @@ def with_reference(case: Case) -> Case:
 def _judged(found: ClassicalCalibration, case: Case, milliseconds: float) -> Outcome:
     squares = []
     for T, view in zip(found.T_camera_target, case.views):
-        squares.append(np.sum((found.camera.project(se3.apply(T, view.points)) - view.uv) ** 2, axis=1))
+        squares.append(np.sum(view.residuals(found.camera, T) ** 2, axis=1))
     rms = float(np.sqrt(np.mean(np.concatenate(squares))))
     focal = centre = rotation = position = None
     if case.camera is not None:
@@ -165,8 +165,7 @@ def _judged(found: ClassicalCalibration, case: Case, milliseconds: float) -> Out
             centre = float(np.linalg.norm(found.camera.K[:2, 2] - case.camera.K[:2, 2]))
     if case.T_camera_target is not None:
         a, b = found.T_camera_target, case.T_camera_target
-        rotation = float(np.median(np.rad2deg(so3.angle(a[:, :3, :3] @ np.swapaxes(b[:, :3, :3], 1, 2)))))
-        position = float(np.median(1e3 * np.linalg.norm(a[:, :3, 3] - b[:, :3, 3], axis=1)))
+        position, rotation = (float(np.median(values)) for values in se3.deviation(b, a))
     return Outcome(None, None, rms, focal, centre, rotation, position, milliseconds)
 
 

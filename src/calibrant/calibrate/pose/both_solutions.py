@@ -151,11 +151,7 @@ def _without_outliers(
 
 def _squares(camera: Camera, views: Sequence[View], found: TargetPoses) -> Array:
     """Squared residual norms (N,) of all points, px^2."""
-    parts = [
-        np.sum((camera.project(se3.apply(T, v.points)) - v.uv) ** 2, axis=1)
-        for v, T in zip(views, found.T_camera_target)
-    ]
-    return np.concatenate(parts)
+    return np.concatenate([np.sum(v.residuals(camera, T) ** 2, axis=1) for v, T in zip(views, found.T_camera_target)])
 
 
 def _level(views: Sequence[View], weighted: Array, spare: int, given: float | None) -> float:

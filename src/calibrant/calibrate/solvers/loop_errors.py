@@ -68,7 +68,7 @@ def errors_of(pairs: PosePairs, X: ArrayLike) -> LoopErrors:
     """`loop_errors` of pairs that are checked already."""
     Z_i = _loops(pairs, X)
     Z = se3.mean(Z_i)
-    view_mm, view_deg = _distances(Z_i, Z)
+    view_mm, view_deg = se3.deviation(Z, Z_i)
     return LoopErrors(_rms(view_mm), _rms(view_deg), view_mm, view_deg, Z)
 
 
@@ -84,7 +84,7 @@ def consistency_of(pairs: PosePairs, X: ArrayLike) -> LoopConsistency:
     """`loop_consistency` of pairs that are checked already."""
     Z_i = _loops(pairs, X)
     Z = _median_transform(Z_i)
-    view_mm, view_deg = _distances(Z_i, Z)
+    view_mm, view_deg = se3.deviation(Z, Z_i)
     median_mm, median_deg = float(np.median(view_mm)), float(np.median(view_deg))
     size_mm, size_deg = _motion_size(pairs)
     score = max(_ratio(median_mm, size_mm), _ratio(median_deg, size_deg))
@@ -99,7 +99,7 @@ def _motion_size(pairs: PosePairs) -> tuple[float, float]:
     Asked for every method on the same pairs.
     """
     rows = sample(len(pairs), MOST_FOR_SIZE)
-    spread_a, spread_b = (_distances(T, _median_transform(T)) for T in (pairs.A[rows], pairs.B[rows]))
+    spread_a, spread_b = (se3.deviation(_median_transform(T), T) for T in (pairs.A[rows], pairs.B[rows]))
     size_mm = max(float(np.median(spread_a[0])), float(np.median(spread_b[0])))
     return size_mm, max(float(np.median(spread_a[1])), float(np.median(spread_b[1])))
 
@@ -109,12 +109,6 @@ def _loops(pairs: PosePairs, X: ArrayLike) -> Array:
     if len(pairs) == 0:
         raise InputError("the loop A_i X B_i needs at least one view, got none")
     return pairs.A @ se3.check(X, name="X") @ pairs.B
-
-
-def _distances(T: Array, centre: Array) -> tuple[Array, Array]:
-    """Millimetres and degrees of transforms (n, 4, 4) from `centre`."""
-    delta = se3.local(centre, T)
-    return 1e3 * np.linalg.norm(delta[:, 3:], axis=1), np.rad2deg(np.linalg.norm(delta[:, :3], axis=1))
 
 
 def _median_transform(T: Array) -> Array:

@@ -130,9 +130,8 @@ def same_result(a: Alternative, b: Alternative) -> bool:
     """True when both lead to one camera transform: closer than the loop leaves it, or than SAME_TRANSFORM."""
     if a.setup != b.setup:
         return False
-    delta = se3.local(a.X, b.X)
-    mm, deg = 1e3 * float(np.linalg.norm(delta[3:])), float(np.rad2deg(np.linalg.norm(delta[:3])))
-    return mm <= max(a.loop_rms_mm, SAME_TRANSFORM_MM) and deg <= max(a.loop_rms_deg, SAME_TRANSFORM_DEG)
+    mm, deg = se3.deviation(a.X, b.X)
+    return bool(mm <= max(a.loop_rms_mm, SAME_TRANSFORM_MM) and deg <= max(a.loop_rms_deg, SAME_TRANSFORM_DEG))
 
 
 def _equivalent(a: Alternative, b: Alternative) -> bool:

@@ -209,8 +209,7 @@ def _closed_form(A: Array, B: Array) -> tuple[Array, LoopErrors]:
 
 def _agreeing(A: Array, B: Array, X: Array, errors: LoopErrors) -> NDArray[np.intp]:
     """Rows of the share KEPT of the views whose loop is the closest."""
-    delta = se3.local(errors.Z, A @ X @ B)
-    mm, deg = 1e3 * np.linalg.norm(delta[:, 3:], axis=1), np.rad2deg(np.linalg.norm(delta[:, :3], axis=1))
+    mm, deg = se3.deviation(errors.Z, A @ X @ B)
     distance = (mm / (errors.rms_mm + FLOOR_MM)) ** 2 + (deg / (errors.rms_deg + FLOOR_DEG)) ** 2
     return np.sort(np.argsort(distance, kind="stable")[: _kept_of(len(A))])
 

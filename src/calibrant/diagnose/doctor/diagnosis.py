@@ -206,6 +206,5 @@ def _deviations(examination: Examination) -> tuple[Deviations, ...]:
 
 def _view_deviations(case: Case) -> dict[str, tuple[float, float]]:
     """mm and deg of each view used from where the others put the target."""
-    d = case.robust.fit.deviation
-    mm, deg = 1e3 * np.linalg.norm(d[:, 3:], axis=1), np.rad2deg(np.linalg.norm(d[:, :3], axis=1))
+    mm, deg = se3.mm_and_deg(case.robust.fit.deviation)
     return {name: (float(a), float(b)) for name, a, b in zip(case.ids, mm, deg)}

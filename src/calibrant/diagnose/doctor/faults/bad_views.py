@@ -10,6 +10,7 @@ from calibrant.diagnose.doctor.evidence.case import Case, loop_of
 from calibrant.diagnose.doctor.evidence.finding import Finding
 from calibrant.diagnose.doctor.evidence.loop import Evidence
 from calibrant.diagnose.doctor.evidence.significance import confidence
+from calibrant.geometry import se3
 
 MOST = 1 / 3
 """Where more of the views disagree, the fault is not in single views."""
@@ -33,8 +34,7 @@ def examine(case: Case) -> list[Finding]:
         return [Finding("views-disagree", "fail", message, confidence(p), evidence, names)]
     found = []
     for k, name in zip(out, names):
-        d = fit.deviation[k]
-        mm, deg = 1e3 * np.linalg.norm(d[3:]), np.rad2deg(np.linalg.norm(d[:3]))
+        mm, deg = se3.mm_and_deg(fit.deviation[k])
         reason = (
             f"its robot pose and its image disagree by {mm:.3g} mm and {deg:.2g} deg, the others agree to "
             f"{evidence.after.text}: a wrong pose, a wrong image or a misread board"

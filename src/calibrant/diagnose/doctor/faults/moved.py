@@ -159,8 +159,8 @@ def _moved_finding(case: Case, best: _Split, splits: list[_Split], single: LoopF
     n, k = len(case.index), best.first
     rival = min((s.misfit for s in splits if s.what != best.what), default=np.inf)
     places = best.fit.Z if best.what == "target" else best.fit.X
-    move = se3.local(places[0], places[1])
-    text = f"{1e3 * np.linalg.norm(move[3:]):.3g} mm and {np.rad2deg(np.linalg.norm(move[:3])):.2g} deg"
+    mm, deg = se3.deviation(places[0], places[1])
+    text = f"{mm:.3g} mm and {deg:.2g} deg"
     parent = case.setup.target_parent if best.what == "target" else case.setup.camera_parent
     before = loop_of(single.deviation)
     evidence = Evidence(Loop(before.mm, before.deg), loop_of(best.fit.deviation))

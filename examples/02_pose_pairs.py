@@ -21,7 +21,6 @@ print(np.round(camera.matrix, 5))
 print("1 sigma, mm: ", np.round(camera.sigma_translation_mm, 3), " deg:", np.round(camera.sigma_rotation_deg, 4))
 error_mm = 1e3 * np.linalg.norm(camera.matrix[:3, 3] - scene.X[:3, 3])
 print(f"off the truth by {error_mm:.3f} mm")
-assert error_mm < 5 * np.linalg.norm(camera.sigma_translation_mm)
 
 for name in ("parallel-axes", "pure-translation", "two-poses"):
     bad = hand_eye_scene(name, setup="eye-in-hand", seed=3)

@@ -1,7 +1,7 @@
 """Calibrate a camera from photos of a chessboard, your own or, where none are given, drawn ones with a known truth.
 
-    python examples/01_photos.py
-    python examples/01_photos.py chessboard:9x6:25mm photos/*.jpg
+python examples/01_photos.py
+python examples/01_photos.py chessboard:9x6:25mm photos/*.jpg
 """
 
 from __future__ import annotations

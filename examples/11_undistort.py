@@ -42,4 +42,4 @@ with tempfile.TemporaryDirectory() as name:
     print(f"the new camera: fx = {pinhole.parameters['fx']:.2f} px, {pinhole.image_size} px, a pinhole")
     for label, photo in (("in the photo", folder / "photo.png"), ("undistorted", folder / "straight" / "photo.png")):
         bend, noise = bend_px(photo)
-        print(f"a row of corners, {label:12}: {bend:.3f} px rms from a straight line, 1 sigma of a corner {noise:.3f} px")
+        print(f"a row of corners, {label}: {bend:.3f} px rms from a straight line, 1 sigma of a corner {noise:.3f} px")

@@ -1,8 +1,8 @@
 # %% [markdown]
 # # A calibration in a notebook
 #
-# Open this file as a notebook (VS Code, PyCharm, or `jupytext --to ipynb examples/12_notebook.py`). A result as the last
-# line of a cell shows itself; here it is printed, so that the file runs anywhere.
+# Open this file as a notebook (VS Code, PyCharm, or `jupytext --to ipynb examples/12_notebook.py`). A result as the
+# last line of a cell shows itself; here it is printed, so that the file runs anywhere.
 
 # %%
 from __future__ import annotations

@@ -6,6 +6,7 @@ mkdocs calls `on_config` and `on_files`; griffe, which reads the source without 
 from __future__ import annotations
 
 import ast
+import inspect
 import re
 from pathlib import Path
 from textwrap import dedent
@@ -14,6 +15,9 @@ from typing import Any
 from griffe import Extension, Object
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+import calibrant
 
 DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
@@ -80,7 +84,7 @@ def told(source: str) -> str:
         file = (there.parent / path).resolve()
         if "://" in match[1] or not path:
             return match[0]
-        known = {(ROOT / s).resolve(): page for page, s in TOLD.items()}
+        known = {(ROOT / s).resolve(): page for page, s in TOLD.items()} | {ROOT / "examples": "examples.md"}
         target = known.get(file) or (file.relative_to(DOCS).as_posix() if file.is_relative_to(DOCS) else path)
         return f"]({target}{sharp}{anchor})"
 
@@ -106,14 +110,33 @@ def first_line(module: Path) -> str:
 
 
 def public_page() -> str:
-    """The page of `cb`: every public name, where it is defined."""
-    tree = ast.parse((SOURCE / "__init__.py").read_text(encoding="utf-8"))
-    table = next(
-        ast.literal_eval(node.value)
-        for node in tree.body
-        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "_PUBLIC"
-    )
+    """The page of `cb`: every public name. What is a command's verb says its options itself, when it is loaded."""
     lines = ["# import calibrant as cb", "", "The names that stay; each loads what it needs on first use.", ""]
-    for module, attribute in table.values():
-        lines += [f"::: {module}.{attribute}", ""]
+    for name, (module, attribute) in calibrant._PUBLIC.items():
+        if not attribute:
+            lines += [f"## {name}", "", f"The modules of [{name}]({name}.md), loaded when they are named.", ""]
+        elif module == "calibrant.tasks.verbs":
+            lines += verb_section(name, getattr(calibrant, name))
+        else:
+            lines += [f"::: {module}.{attribute}", ""]
     return "\n".join(lines)
+
+
+def verb_section(name: str, verb: Any) -> list[str]:
+    """A command from Python: its signature, one argument a line, and its docstring."""
+    said = inspect.signature(verb)
+    arguments = [
+        f"    {parameter},".replace(f"'{parameter.annotation}'", str(parameter.annotation))
+        for parameter in said.parameters.values()
+    ]
+    signature = ["```python", f"{name}(", *arguments, f") -> {said.return_annotation}", "```"]
+    before, args, after = (inspect.getdoc(verb) or "").partition("Args:\n")
+    listed = re.sub(r"^    (\w+): ", r"* **\1**: ", after, flags=re.M)
+    return [f"## {name}", "", *signature, "", as_markdown(before), args, escaped(listed), ""]
+
+
+def on_page_markdown(markdown: str, *, page: Page, **_: Any) -> str:
+    """Links of a page in this folder to a file above it, as they are on the site."""
+    for target, source in TOLD.items():
+        markdown = markdown.replace(f"](../{source}", f"]({target}")
+    return markdown

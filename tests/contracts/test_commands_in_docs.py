@@ -34,8 +34,7 @@ def commands() -> dict[tuple[str, ...], set[str]]:
 def lines() -> list[tuple[str, list[str]]]:
     found = []
     for file in (DOCS.parent / "README.md", *sorted(DOCS.glob("*.md"))):
-        for text in LINE.findall(re.sub(r"\\
-\s*", "", file.read_text(encoding="utf-8"))):
+        for text in LINE.findall(re.sub(r"\\\n\s*", "", file.read_text(encoding="utf-8"))):
             found.append((file.name, shlex.split(text, comments=True)[1:]))
     return found
 

@@ -6,11 +6,22 @@ from pathlib import Path
 
 import pytest
 
-from calibrant.cli.target import run
 from calibrant.errors import InputError
 from calibrant.targets.registry import parse_target
+from calibrant.tasks.boards.target import Request
+from calibrant.tasks.boards.target import run as run_task
+from calibrant.tasks.writing import check_writable, write_documents
 
 SPEC = "charuco:4x5:30mm:18mm:DICT_5X5_100"
+
+
+def run(spec: str, *, out: Path, force: bool = False) -> str:
+    """The task with its documents written, as every door does it; returns what a person is told."""
+    check_writable(out, force=force)
+    outcome = run_task(Request(spec=spec, out=out))
+    write_documents(outcome.documents, force=force)
+    assert outcome.summary is not None
+    return str(outcome.summary())
 
 
 @pytest.mark.parametrize("ending", ["pdf", "svg", "png", "PDF"])

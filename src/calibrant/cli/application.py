@@ -19,16 +19,12 @@ ABOUT = "Calibrate cameras and robots, and prove it: from photos and robot poses
 HELP = ("--help", "-h")
 LEGACY = {
     "demo": "The whole chain on a simulated robot cell.",
-    "target": "Print a board at true size.",
     "capture": "Take views from a running camera until it is known.",
-    "pose": "Find where a target is, from photos.",
     "kinematics": "Identify and correct a robot's geometry.",
     "next-pose": "Say which poses to take next, or from the start.",
     "time-offset": "Find the offset between camera's and robot's clocks.",
     "dynamic": "Locate a camera beside the robot through the wrist camera.",
-    "vanishing": "Find how a camera is turned, from a scene's edges.",
     "undistort": "Undistort photos.",
-    "report": "Show a result file, or make its HTML report.",
     "tool": "Find a tool's tip, by touch or by sight.",
     "study": "Compare methods, and see when each fails.",
 }

@@ -82,9 +82,10 @@ def collector(command: Command) -> Any:
     """A function with the command's options for a signature, that gives back what it is called with."""
 
     def collected(*positional: str, **values: Any) -> dict[str, Any]:
-        return {**values, **({first.name: positional} if first is not None else {})}
+        given = iter(positional)
+        return {**values, **{f.name: tuple(given) if f.many else next(given) for f in first if f.many or positional}}
 
-    first = next((f for f in command.fields if f.option.positional and f.many), None)
+    first = [f for f in command.fields if f.option.positional]
     parameters = [_parameter(field) for field in sorted(command.fields, key=lambda f: not f.option.positional)]
     collected.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     collected.__annotations__ = {p.name: p.annotation for p in parameters}

@@ -39,12 +39,16 @@ class Entry:
 
 
 TASKS = {
+    "target": Entry("boards.target", "Print a board at true size.", ()),
     "detect": Entry(
-        "cameras.detect", "Find a board in photos.", ("out", "json"), "Write the observations file (JSON) here."
+        "boards.detect", "Find a board in photos.", ("out", "json"), "Write the observations file (JSON) here."
     ),
     "intrinsics": Entry("cameras.intrinsics", "Calibrate a camera from photos of a board."),
     "hand-eye": Entry("robots.hand_eye", "Find where the camera is, on a robot or beside it."),
     "doctor": Entry("robots.doctor", "Find what is wrong with hand-eye data, and repair it."),
+    "pose": Entry("cameras.pose", "Find where a target is, from photos."),
+    "vanishing": Entry("cameras.vanishing", "Find how a camera is turned, from a scene's edges."),
+    "report": Entry("results.report", "Show a result file, or make its HTML report.", ()),
 }
 """Every command by its words: "intrinsics", "tool touch"."""
 GROUPS: dict[str, str] = {}

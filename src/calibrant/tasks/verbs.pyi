@@ -14,6 +14,13 @@ VERBS: dict[str, str]
 def verb(name: str) -> Callable[..., CalibrationResult | None]: ...
 def signature_of(task: Task) -> Any: ...
 def documentation(name: str, entry: Entry, task: Task) -> str: ...
+def target(
+    spec: str,
+    *,
+    out: str | Path,
+    page: str = "auto",
+    force: bool = False,
+) -> CalibrationResult: ...
 def detect(
     images: Words = (),
     *,
@@ -109,5 +116,37 @@ def doctor(
     exclude: Words = (),
     workers: str | None = None,
     cache: str | None = None,
+    force: bool = False,
+) -> CalibrationResult: ...
+def pose(
+    images: Words = (),
+    *,
+    target: str | None = None,
+    camera: str | Path | None = None,
+    observations: str | Path | None = None,
+    sigma_px: str | None = None,
+    confidence: float = 0.99,
+    mirror_x: bool = False,
+    exclude: Words = (),
+    workers: str | None = None,
+    cache: str | None = None,
+    overlay: str | Path | None = None,
+    force: bool = False,
+) -> CalibrationResult: ...
+def vanishing(
+    image: str | Path,
+    *,
+    camera: str | Path | None = None,
+    focal: str = "known",
+    overlay: str | Path | None = None,
+    force: bool = False,
+) -> CalibrationResult: ...
+def report(
+    result: str | Path,
+    *,
+    out: str | Path | None = None,
+    workspace: str | None = None,
+    tolerance: str | None = None,
+    target_sigma: str | None = None,
     force: bool = False,
 ) -> CalibrationResult: ...

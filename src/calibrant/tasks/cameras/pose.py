@@ -1,22 +1,33 @@
-"""Pictures that `calibrant pose` draws: the target's axes and points over the photo, both solutions where two fit."""
+"""Find where a target is, from photos by a calibrated camera; draw its axes over the photo, of both solutions where two
+fit."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.cli import session
 from calibrant.errors import InputError
+from calibrant.tasks import session
+from calibrant.tasks.inputs.sources import Source
+from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.images import PhotoOptions, PointsOptions, SearchOptions
+from calibrant.tasks.options.option import Option
+from calibrant.tasks.options.words import pixels
+from calibrant.tasks.outcome import Document, Outcome
 
 if TYPE_CHECKING:
     from calibrant.cameras import Camera
     from calibrant.data import CalibrationResult, Observations, View
 
 Array = NDArray[np.float64]
+
+EXAMPLE = 'cb.pose("photo.png", camera="camera.json", target="chessboard:9x6:25mm")'
 
 AXES = ((60, 60, 230), (60, 200, 60), (230, 120, 60))
 """Colours of x, y, z in BGR: red, green and blue, as axes are drawn everywhere."""
@@ -27,7 +38,78 @@ SEGMENTS = 24
 FRACTION_BITS = 4
 
 
-def pictures(found: Observations, overlay: Path | None, inputs: Sequence[Path], *, force: bool) -> dict[str, Path]:
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """Find where a target is: T_camera_target with its uncertainty in millimetres and degrees.
+
+    calibrant pose photo.png --camera camera.json --target chessboard:9x6:25mm --overlay seen.png
+
+    Both poses are given where the photo cannot tell them apart. The camera's own uncertainty counts, where its file
+    has it.
+    """
+
+    photos: PhotoOptions = PhotoOptions()
+    camera: Annotated[Path | None, Option("FILE", "-c")] = None
+    """The camera that took them (any format)."""
+    points: PointsOptions = PointsOptions()
+    sigma_px: Annotated[str | None, Option("PX")] = None
+    """Noise of a point per axis, e.g. 0.1px; else the detector's, or that of the residuals."""
+    confidence: Annotated[float, Option("P")] = 0.99
+    """From which probability two solutions are told apart."""
+    search: SearchOptions = SearchOptions()
+    overlay: Annotated[Path | None, Option("FILE.png", output="either")] = None
+    """Draw the target's axes over the photo; of several photos, into this folder."""
+
+
+def reads(request: Request) -> list[Path]:
+    """The photos or the file of points, and the camera's file."""
+    source = _pose_source(request, SILENT)
+    return [*source.inputs(source.files()), _camera_file(request)]
+
+
+def run(request: Request, listener: Listener = SILENT) -> Outcome:
+    """The poses of the target. Raises: InputError, RefusedError as the parts do."""
+    camera = _camera_file(request)
+    noise = pixels(request.sigma_px, option="--sigma-px")
+    source = _pose_source(request, listener)
+    files = source.files()
+    inputs = [*source.inputs(files), camera]
+    found = source.read(files)
+    pictures = _pictures(found, request.overlay, inputs)
+    session.load_solver(listener)
+
+    from calibrant.calibrate.pose.estimate import estimate_poses
+    from calibrant.data.verdicts import refuse_if_failed
+    from calibrant.formats.cameras.read import read_camera
+
+    known = read_camera(camera, image_size=next(iter(found.image_sizes.values())))
+    with listener.status("Finding poses …"):
+        result = estimate_poses(known, found, sigma_px=noise, confidence=request.confidence)
+    options = {**result.options, **({"mirror_x": True} if request.search.mirror_x else {})}
+    result = session.with_misses(replace(result, options=options, inputs=session.file_records(inputs)))
+    refuse_if_failed(result)
+    return Outcome(result=result, documents=_overlays(result, pictures, mirror_x=request.search.mirror_x))
+
+
+def _camera_file(request: Request) -> Path:
+    if request.camera is None:
+        raise InputError(
+            "a pose needs the camera that took the photo: --camera camera.json (calibrant intrinsics --out)"
+        )
+    return request.camera
+
+
+def _pose_source(request: Request, listener: Listener) -> Source:
+    return Source(
+        images=request.photos.images,
+        target=request.photos.target,
+        observations=request.points.observations,
+        search=request.search,
+        listener=listener,
+    )
+
+
+def _pictures(found: Observations, overlay: Path | None, inputs: list[Path]) -> dict[str, Path]:
     """The file of each view's picture by the view's id: the one given, or files in the folder given.
 
     Raises: InputError when a picture cannot be written there, is an input, or the points come without photos.
@@ -37,45 +119,45 @@ def pictures(found: Observations, overlay: Path | None, inputs: Sequence[Path], 
     if any(v.file is None for v in found.views):
         raise InputError("--overlay draws over the photos; these observations name none: leave it out")
     if len(found.views) == 1 and not overlay.is_dir():
-        session.check_writable(overlay, force=force)
         if not overlay.suffix:
             raise InputError(f"--overlay {overlay}: expected the name of a picture, such as seen.png")
-        session.Outputs(overlay).spare(inputs)
-        return {found.views[0].id: overlay}
+        return _spared({found.views[0].id: overlay}, inputs)
     if overlay.exists() and not overlay.is_dir():
         raise InputError(f"--overlay {overlay} is a file; {len(found.views)} photos need a folder")
     if not overlay.parent.is_dir():
         raise InputError(f"--overlay {overlay}: there is no folder {overlay.parent}; make it first")
-    files = {v.id: overlay / (v.id.replace("/", "_") + ".png") for v in found.views}
+    return _spared({v.id: overlay / (v.id.replace("/", "_") + ".png") for v in found.views}, inputs)
+
+
+def _spared(files: dict[str, Path], inputs: list[Path]) -> dict[str, Path]:
+    read = {file.resolve() for file in inputs}
     for path in files.values():
-        if path.exists() and not force:
-            raise InputError(f"{path} exists already; give another folder, or --force to replace it")
-        session.Outputs(path).spare(inputs)
+        if path.resolve() in read:
+            raise InputError(f"{path} is an input of this command and is left alone; give the output another name")
     return files
 
 
-def draw(result: CalibrationResult, files: dict[str, Path], *, mirror_x: bool) -> None:
-    """Write the pictures. Args: files by the view's id, as `pictures` gives them."""
+def _overlays(result: CalibrationResult, files: dict[str, Path], *, mirror_x: bool) -> Iterator[Document]:
+    """A picture of each view. Args: files by the view's id, as `_pictures` gives them."""
     if not files or result.observations is None:
         return
-    import cv2
-
-    from calibrant.detection.images.images import load_grey
-
     for view in result.observations.views:
-        path = files[view.id]
-        path.parent.mkdir(exist_ok=True)
-        grey = load_grey(view.file or view.id)
-        canvas = np.repeat((grey[:, ::-1] if mirror_x else grey)[..., np.newaxis], 3, axis=2)
-        encoded = cv2.imencode(path.suffix or ".png", drawn(canvas, result, view))[1]
-        session.write_bytes(path, bytes(encoded))
+        yield Document(files[view.id], partial(_overlay, result, view, files[view.id].suffix, mirror_x=mirror_x))
+
+
+def _overlay(result: CalibrationResult, view: View, suffix: str, *, mirror_x: bool) -> bytes:
+    from calibrant.detection.images.images import load_grey
+    from calibrant.opencv import cv2
+
+    grey = load_grey(view.file or view.id)
+    canvas = np.repeat((grey[:, ::-1] if mirror_x else grey)[..., np.newaxis], 3, axis=2)
+    return bytes(cv2.imencode(suffix, drawn(canvas, result, view))[1])
 
 
 def drawn(canvas: NDArray[np.uint8], result: CalibrationResult, view: View) -> NDArray[np.uint8]:
     """A picture (h, w, 3) BGR with a view's points and the axes of every pose that fits it."""
-    import cv2
-
     from calibrant.calibrate.pose.estimate import SECOND
+    from calibrant.opencv import cv2
 
     out = np.ascontiguousarray(canvas)
     unit = max(out.shape[1] / 1000, 0.6)
@@ -109,7 +191,7 @@ def axis_pixels(camera: Camera, T_camera_target: Array, axis: int, length: float
 
 
 def _label(canvas: NDArray, text: str, at: Array, colour: tuple[int, ...], unit: float) -> None:
-    import cv2
+    from calibrant.opencv import cv2
 
     corner = (int(at[0] + 5 * unit), int(at[1] - 5 * unit))
     for shade, width in (((0, 0, 0), 3), (colour, 1)):

@@ -1,0 +1,1 @@
+"""Tasks about targets: printing them, finding them in photos, taking views of them."""

@@ -1,0 +1,72 @@
+"""A target to print at true size, and its spec in a file beside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.option import Option
+from calibrant.tasks.outcome import Document, Outcome
+
+if TYPE_CHECKING:
+    from rich.text import Text
+
+    from calibrant.reports.sheet import Sheet
+
+EXAMPLE = 'cb.target("charuco:5x7:40mm:20mm:DICT_6X6_250", out="board.pdf")'
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """Write a target as printable artwork at true size, with a ruler, and its spec as YAML beside it.
+
+    calibrant target charuco:5x7:40mm:20mm:DICT_6X6_250 --out board.pdf
+    """
+
+    spec: Annotated[str, Option("SPEC", positional=True)]
+    """The target, e.g. charuco:5x7:40mm:20mm:DICT_6X6_250."""
+    out: Annotated[Path, Option("FILE", "-o", output="file")]
+    """The file to write: .pdf, .svg or .png."""
+    page: Annotated[str, Option("NAME")] = "auto"
+    """auto, fit, a4, a3, a2, a1, a0, letter or tabloid."""
+
+
+def run(request: Request, listener: Listener = SILENT) -> Outcome:
+    """The artwork and its YAML. Raises: InputError for an impossible spec, page or file."""
+    from calibrant.reports.artwork import writer_for
+    from calibrant.reports.sheet import sheet_of
+    from calibrant.targets.registry import parse_target
+
+    board = parse_target(request.spec)
+    write = writer_for(request.out)
+    sheet = sheet_of(board, page=request.page)
+    spec_file = request.out.with_suffix(".yaml")
+    documents = (
+        Document(request.out, partial(write, sheet)),
+        Document(spec_file, _spec_text(request.out.name, board.spec, sheet).encode()),
+    )
+    return Outcome(documents=documents, summary=partial(_said, request.out, spec_file, board.spec, sheet))
+
+
+def _spec_text(name: str, spec: str, sheet: Sheet) -> str:
+    width, height = sheet.size
+    lines = [
+        f"# {name}: {width:g} x {height:g} mm, to be printed at 100 %; its ruler must then measure 100 mm.",
+        "# After measuring a square of the print, put its real size here.",
+        f"target: {spec}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _said(out: Path, spec_file: Path, spec: str, sheet: Sheet) -> Text:
+    from rich.text import Text
+
+    width, height = sheet.size
+    return Text(
+        f"{out}: {spec} on {'its own page size' if sheet.page == 'fit' else sheet.page.upper()}, "
+        f"{width:g} x {height:g} mm\n{spec_file}: its spec, for --target\n"
+        "Print at 100 % (actual size): scaling to fit the page changes the squares. Measure the ruler: 100 mm."
+    )

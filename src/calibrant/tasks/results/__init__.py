@@ -1,0 +1,1 @@
+"""Tasks about results that are there already."""

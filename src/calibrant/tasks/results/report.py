@@ -1,0 +1,74 @@
+"""A result file shown again, or made into its HTML report, with its accuracy in a workspace where one is asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from calibrant.errors import RefusedError
+from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.option import Option
+from calibrant.tasks.options.workspace import WorkspaceOptions
+from calibrant.tasks.outcome import Document, Outcome
+
+if TYPE_CHECKING:
+    from calibrant.data import CalibrationResult
+
+EXAMPLE = 'cb.report("hand-eye.json", out="hand-eye.html")'
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """Show what a result file holds, and write its HTML report.
+
+    calibrant report camera.json --out camera.html
+    calibrant report hand-eye.json --workspace 300mm:700mm,-200mm:200mm,0mm:100mm --tolerance 1mm
+
+    The photos are shown where they still lie under the names they had, seen from the folder of this command.
+    """
+
+    result: Annotated[Path, Option("RESULT.json", positional=True)]
+    """The result file."""
+    out: Annotated[Path | None, Option("FILE.html", "-o", output="file")] = None
+    """Write the HTML report here."""
+    work: WorkspaceOptions = WorkspaceOptions()
+
+
+def reads(request: Request) -> list[Path]:
+    """The result file."""
+    return [request.result]
+
+
+def run(request: Request, listener: Listener = SILENT) -> Outcome:
+    """The result, with the workspace's accuracy among its checks. Raises: InputError for a file that is none.
+
+    Of the checks only those of the workspace are new: a report of a refused result is a report.
+    """
+    from calibrant.data.result_file import read_result
+
+    found = request.work.applied(read_result(request.result))
+    pages = () if request.out is None else (Document(request.out, partial(_page, found)),)
+    return Outcome(result=found, documents=pages, refusal=_refusal(found, request.work))
+
+
+def _page(result: CalibrationResult) -> bytes:
+    from calibrant.reports.html import report_page
+
+    return report_page(result).encode()
+
+
+def _refusal(result: CalibrationResult, work: WorkspaceOptions) -> RefusedError | None:
+    """Of a workspace that fails its tolerance."""
+    if work.workspace is None:
+        return None
+    from calibrant.data.verdicts import refuse_if_failed
+    from calibrant.diagnose.budget.workspace import is_workspace_check
+
+    try:
+        refuse_if_failed(replace(result, checks=tuple(c for c in result.checks if is_workspace_check(c))))
+    except RefusedError as error:
+        error.result = result
+        return error
+    return None

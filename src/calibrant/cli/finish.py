@@ -26,8 +26,9 @@ _LISTED = 3
 def finish(outcome: Outcome, call: Call) -> None:
     """Write the documents, show the summary, say what was written. Raises: InputError; the outcome's own refusal."""
     outputs = call.outputs
+    shown = outputs.report is not None or not outputs.silent
     # One look serves page and terminal: what both show is computed once.
-    seen = None if outcome.result is None else _seen(outcome.result)
+    seen = _seen(outcome.result) if shown and outcome.result is not None else None
     written = write_documents(_documents(outcome, call, seen), force=outputs.force)
     if outputs.json and outcome.result is not None:
         from calibrant.data.result_file import result_text

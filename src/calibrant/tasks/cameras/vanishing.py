@@ -82,8 +82,7 @@ def _rotation(request: Request) -> Manhattan:
     if request.camera is None:
         return manhattan_rotation(find_segments(grey), default_camera((width, height)), focal="unknown")
     known = read_camera(request.camera, image_size=(width, height))
-    focal = "unknown" if request.focal == "unknown" else "known"
-    return manhattan_rotation(find_segments(grey), known, focal=focal)
+    return manhattan_rotation(find_segments(grey), known, focal="unknown" if request.focal == "unknown" else "known")
 
 
 def _check_picture(overlay: Path) -> None:

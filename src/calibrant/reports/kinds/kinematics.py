@@ -12,6 +12,9 @@ from calibrant.reports.numbers import plain
 from calibrant.reports.robot import robot_tables
 
 ROWS = "measurements"
+_FACTS = partial(
+    noise_facts, rows=ROWS, robot="measuring noise, 1σ", kept_out="RMS on measurements kept out of the fit"
+)
 
 
 def _answer(result: CalibrationResult) -> str:
@@ -29,7 +32,7 @@ def _headline(result: CalibrationResult) -> list[Fact]:
         )
         if f"{key}_mm" in result.figures
     ]
-    held = errors(result, "held-out error")
+    held = errors(result, "held-out error", facts=_FACTS)
     return [*fits, *held, *transform_facts(result.transforms[:1]), *used(result, ROWS)]
 
 
@@ -38,11 +41,4 @@ def _rms(result: CalibrationResult, key: str) -> str:
     return ", ".join(f"{plain(figure.value, digits=3)} {unit}" for figure, unit in parts if figure is not None)
 
 
-KIND = Kind(
-    "Kinematic calibration",
-    _headline,
-    _answer,
-    partial(noise_facts, rows=ROWS, robot="measuring noise, 1σ", kept_out="RMS on measurements kept out of the fit"),
-    ROWS,
-    robot_tables,
-)
+KIND = Kind("Kinematic calibration", _headline, _answer, _FACTS, ROWS, robot_tables)

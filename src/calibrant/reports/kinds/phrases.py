@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from calibrant.data import CalibrationResult, TransformEstimate
 from calibrant.reports.figures import JOINT, Fact, camera_figures, is_point, noise_facts, translation_figures
@@ -78,9 +78,11 @@ def loop_facts(result: CalibrationResult) -> list[Fact]:
     return [Fact("loop error, RMS", text, "joint refinement")]
 
 
-def errors(result: CalibrationResult, *names: str) -> list[Fact]:
-    """Those of the errors and noise that are named."""
-    return [fact for fact in noise_facts(result) if fact.name in names]
+def errors(
+    result: CalibrationResult, *names: str, facts: Callable[[CalibrationResult], list[Fact]] = noise_facts
+) -> list[Fact]:
+    """Those of the errors and noise that are named. facts: the kind's own, where it has its words for them."""
+    return [fact for fact in facts(result) if fact.name in names]
 
 
 def used(result: CalibrationResult, rows: str = "views") -> list[Fact]:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from calibrant.data import CalibrationResult, Check
-from calibrant.reports.rows import view_rows
+from calibrant.reports.parts.rows import view_rows
 from calibrant.reports.words import sorted_checks, verdict_sentence
 
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from calibrant.data import CalibrationResult
 from calibrant.data.result_file import write_text
 from calibrant.diagnose.look import Look, look
-from calibrant.reports.blocks import Block, Page
 from calibrant.reports.kinds.registry import kind_of
 from calibrant.reports.page import asset, render
+from calibrant.reports.parts.blocks import Block, Page
 from calibrant.reports.sections import sections
 from calibrant.reports.words import VERDICT_WORDS, title, verdict_sentence
 

@@ -8,8 +8,8 @@ from importlib import resources
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from calibrant.reports.blocks import Block, Page
-from calibrant.reports.numbers import plain, sigma_text
+from calibrant.reports.parts.blocks import Block, Page
+from calibrant.reports.parts.numbers import plain, sigma_text
 from calibrant.reports.words import STATUS_WORDS
 
 _PACKAGE = "calibrant.reports"

@@ -14,8 +14,9 @@ from calibrant.diagnose.coverage import CameraCoverage
 from calibrant.diagnose.look import Look
 from calibrant.diagnose.loop import LoopView
 from calibrant.diagnose.review import is_about_cameras
-from calibrant.reports.blocks import Block
-from calibrant.reports.figures import (
+from calibrant.reports.kinds.registry import kind_of
+from calibrant.reports.parts.blocks import Block
+from calibrant.reports.parts.figures import (
     is_point,
     listed_figures,
     method_rows,
@@ -23,9 +24,8 @@ from calibrant.reports.figures import (
     translation_figures,
     yaw_pitch_roll_figures,
 )
-from calibrant.reports.kinds.registry import kind_of
-from calibrant.reports.numbers import Figure, plain, sigma_text
-from calibrant.reports.rows import view_rows
+from calibrant.reports.parts.numbers import Figure, plain, sigma_text
+from calibrant.reports.parts.rows import view_rows
 from calibrant.reports.scene import scene
 from calibrant.reports.view_data import page_views
 from calibrant.reports.words import sorted_checks

@@ -5,8 +5,8 @@ from __future__ import annotations
 from io import StringIO
 
 from calibrant.data import CalibrationResult, Check
-from calibrant.reports.blocks import Block
 from calibrant.reports.kinds.registry import kind_of
+from calibrant.reports.parts.blocks import Block
 from calibrant.reports.words import STATUS_WORDS, VERDICT_WORDS, sorted_checks, title, verdict_sentence
 
 WIDTH = 80

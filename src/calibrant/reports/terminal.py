@@ -18,8 +18,9 @@ from calibrant.cameras import Camera
 from calibrant.data import DEFAULT_CAMERA, CalibrationResult, TransformEstimate
 from calibrant.diagnose.look import Look, look
 from calibrant.diagnose.loop import LoopView, by_view
-from calibrant.reports.blocks import TextTable
-from calibrant.reports.figures import (
+from calibrant.reports.kinds.registry import kind_of
+from calibrant.reports.parts.blocks import TextTable
+from calibrant.reports.parts.figures import (
     Fact,
     is_point,
     listed_figures,
@@ -28,9 +29,8 @@ from calibrant.reports.figures import (
     translation_figures,
     yaw_pitch_roll_figures,
 )
-from calibrant.reports.kinds.registry import kind_of
-from calibrant.reports.numbers import Figure, plain, sigma_text
-from calibrant.reports.rows import ViewRow, view_rows
+from calibrant.reports.parts.numbers import Figure, plain, sigma_text
+from calibrant.reports.parts.rows import ViewRow, view_rows
 from calibrant.reports.words import STATUS_WORDS, VERDICT_WORDS, sorted_checks, title, verdict_sentence
 
 _STATUS_STYLES = {"ok": "green", "warn": "yellow", "fail": "bold red"}

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from calibrant.data import CalibrationResult, View
 from calibrant.diagnose.loop import LoopView, by_view
 from calibrant.diagnose.residuals import ViewResiduals
+from calibrant.reports.parts.rows import ViewRow, view_rows
 from calibrant.reports.pictures import data_uris
-from calibrant.reports.rows import ViewRow, view_rows
 
 Indices = NDArray[np.int64]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from calibrant.data import CalibrationResult, Check
 from calibrant.reports.kinds.phrases import focal_known
 from calibrant.reports.kinds.registry import kind_of
-from calibrant.reports.rows import view_rows
+from calibrant.reports.parts.rows import view_rows
 
 STATUS_WORDS = {"ok": "ok", "warn": "warning", "fail": "FAILED"}
 VERDICT_WORDS = {"ok": "GOOD", "warn": "USE WITH CARE", "refused": "DO NOT USE"}

@@ -9,7 +9,7 @@ import numpy as np
 from calibrant.data import CalibrationResult
 from calibrant.diagnose.budget.workspace import PlaceUncertainty, WorkspaceUncertainty
 from calibrant.diagnose.look import Look
-from calibrant.reports.numbers import plain
+from calibrant.reports.parts.numbers import plain
 
 _LAYERS = 3
 """Heights that are drawn: bottom, middle and top of the volume."""

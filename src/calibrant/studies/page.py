@@ -11,9 +11,9 @@ from markupsafe import Markup
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from calibrant.reports.blocks import Block, Column, Page, TextTable
-from calibrant.reports.numbers import plain
 from calibrant.reports.page import render
+from calibrant.reports.parts.blocks import Block, Column, Page, TextTable
+from calibrant.reports.parts.numbers import plain
 from calibrant.reports.terminal import text_table
 from calibrant.studies.methods import USES, Method, Outcome, Use
 from calibrant.studies.sweeps import Row, Swept

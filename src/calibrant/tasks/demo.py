@@ -20,7 +20,7 @@ from calibrant.data.result_encoding import encode
 from calibrant.data.result_file import write_result, write_text
 from calibrant.errors import InputError, RefusedError
 from calibrant.reports.html import write_report
-from calibrant.reports.numbers import sigma_text, value_text
+from calibrant.reports.parts.numbers import sigma_text, value_text
 from calibrant.simulate.cell import Cell, make_cell, photograph
 from calibrant.simulate.scenes import Setup
 from calibrant.simulate.truth import CONFIDENCE, PointTruth, TransformTruth, point_truth, transform_truth

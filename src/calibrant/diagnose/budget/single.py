@@ -231,10 +231,12 @@ def _kept_points(fitted: ViewResult, view: View, squares: Array) -> NDArray[np.b
 
 
 def _setup_of(result: CalibrationResult) -> Setup:
-    if result.kind != "hand-eye":
-        raise InputError(f"an error budget needs a hand-eye result; this one is of kind {result.kind!r}")
     pairs = {(t.parent, t.child) for t in result.transforms}
-    return get_setup("eye-in-hand" if ("gripper", "camera") in pairs else "eye-to-hand")
+    mounted = {"eye-in-hand": ("gripper", "camera"), "eye-to-hand": ("base", "camera")}
+    setup = next((name for name, frames in mounted.items() if frames in pairs), None)
+    if setup is None or result.robot_poses is None:
+        raise InputError(f"an error budget needs a hand-eye result; this one is of kind {result.kind!r}")
+    return get_setup(setup)
 
 
 def _of_pose_pairs(result: CalibrationResult, setup: Setup, X: Array, Z: Array, target_sigma: float) -> ErrorBudget:

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
 from calibrant.cameras import Camera
-from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Check, verdict_of
+from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Check, Measured, verdict_of
 from calibrant.diagnose.budget.cell import several_budgets
 from calibrant.diagnose.budget.single import TARGET_SIGMA, ErrorBudget, error_budget, used_views
 from calibrant.diagnose.budget.volume import STEPS, Volume, check_request, parse_fraction, parse_volume
@@ -257,7 +257,18 @@ def with_workspace(
     checks = (*(c for c in result.checks if not is_workspace_check(c)), *answers)
     asked = {"workspace": workspace, "tolerance": tolerance, "target_sigma": f"{100 * sigma:g}%"}
     options = {**result.options, **{key: value for key, value in asked.items() if value is not None}}
-    return replace(result, checks=checks, verdict=verdict_of(checks), options=options)
+    figures = {**result.figures, **_workspace_figures(found)}
+    return replace(result, checks=checks, verdict=verdict_of(checks), options=options, figures=figures)
+
+
+def _workspace_figures(found: Mapping[str, WorkspaceUncertainty]) -> dict[str, Measured]:
+    """1 sigma and the radius that holds 95 %, at the worst place; by camera, where there are several."""
+    out = {}
+    for name, one in found.items():
+        of = f" {name}" if len(found) > 1 else ""
+        out[f"workspace_sigma{of}"] = Measured(one.worst.sigma_mm, unit="mm")
+        out[f"workspace_radius{of}"] = Measured(one.worst.radius_mm, unit="mm")
+    return out
 
 
 def is_workspace_check(check: Check) -> bool:

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 from calibrant.data import CalibrationResult
 from calibrant.data.details import Deviations, Fault, Faults
-from calibrant.reports.blocks import Block, Column, TextTable, bars
-from calibrant.reports.figures import Fact
 from calibrant.reports.kinds.kind import Kind
+from calibrant.reports.parts.blocks import Block, Column, TextTable, bars
+from calibrant.reports.parts.figures import Fact
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

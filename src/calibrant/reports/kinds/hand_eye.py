@@ -5,11 +5,12 @@ from __future__ import annotations
 from functools import partial
 
 from calibrant.data import CalibrationResult, TransformEstimate
-from calibrant.reports.blocks import TextTable
-from calibrant.reports.figures import Fact, noise_facts
 from calibrant.reports.kinds.kind import Kind
 from calibrant.reports.kinds.phrases import known, placed
-from calibrant.reports.robot import robot_tables
+from calibrant.reports.parts.blocks import TextTable
+from calibrant.reports.parts.figures import Fact, noise_facts
+from calibrant.reports.parts.numbers import plain
+from calibrant.reports.parts.robot import robot_tables
 
 
 def _camera_transforms(result: CalibrationResult) -> list[TransformEstimate]:
@@ -20,7 +21,17 @@ def _camera_transforms(result: CalibrationResult) -> list[TransformEstimate]:
 
 
 def _headline(result: CalibrationResult) -> list[Fact]:
-    return placed(result, _camera_transforms(result))
+    return [*placed(result, _camera_transforms(result)), *_in_workspace(result)]
+
+
+def _in_workspace(result: CalibrationResult) -> list[Fact]:
+    """How far off a seen point is at the worst place that was asked about, by camera where there are several."""
+    begin = "workspace_sigma"
+    return [
+        Fact(f"in the workspace{name.removeprefix(begin)}, 1σ", f"{plain(figure.value, digits=2)} mm", "worst place")
+        for name, figure in result.figures.items()
+        if name.startswith(begin)
+    ]
 
 
 def _answer(result: CalibrationResult) -> str:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from calibrant.data import CalibrationResult
 from calibrant.data.details import ModelChoice
-from calibrant.reports.blocks import Column, TextTable
-from calibrant.reports.figures import Fact
 from calibrant.reports.kinds.kind import Kind
 from calibrant.reports.kinds.phrases import errors, focal_facts, focal_known, used
-from calibrant.reports.numbers import plain
+from calibrant.reports.parts.blocks import Column, TextTable
+from calibrant.reports.parts.figures import Fact
+from calibrant.reports.parts.numbers import plain
 
 
 def _headline(result: CalibrationResult) -> list[Fact]:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from calibrant.data import CalibrationResult
-from calibrant.reports.blocks import Block, TextTable
-from calibrant.reports.figures import Fact, noise_facts
+from calibrant.reports.parts.blocks import Block, TextTable
+from calibrant.reports.parts.figures import Fact, noise_facts
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 
 from calibrant.data import CalibrationResult, TransformEstimate
-from calibrant.reports.figures import JOINT, Fact, camera_figures, is_point, noise_facts, translation_figures
-from calibrant.reports.numbers import plain, sigma_text
-from calibrant.reports.rows import view_rows
+from calibrant.reports.parts.figures import JOINT, Fact, camera_figures, is_point, noise_facts, translation_figures
+from calibrant.reports.parts.numbers import plain, sigma_text
+from calibrant.reports.parts.rows import view_rows
 
 _FOCAL = ("fx", "fy", "f")
 

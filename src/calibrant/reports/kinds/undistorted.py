@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from calibrant.data import CalibrationResult
 from calibrant.data.details import PictureRegion
-from calibrant.reports.figures import Fact
 from calibrant.reports.kinds.kind import Kind
 from calibrant.reports.kinds.phrases import focal_facts, used
-from calibrant.reports.numbers import plain
+from calibrant.reports.parts.figures import Fact
+from calibrant.reports.parts.numbers import plain
 
 
 def _facts(result: CalibrationResult) -> list[Fact]:

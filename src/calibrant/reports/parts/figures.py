@@ -11,7 +11,7 @@ from calibrant.cameras import Camera
 from calibrant.cameras.model import REQUIRED
 from calibrant.data import DEFAULT_CAMERA, CalibrationResult, MethodResult, SigmaRobot, TransformEstimate
 from calibrant.geometry import se3, so3
-from calibrant.reports.numbers import Figure, plain, sigma_text, with_sigma
+from calibrant.reports.parts.numbers import Figure, plain, sigma_text, with_sigma
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from math import ceil, floor, log10
 from typing import Any
 
-from calibrant.reports.figures import Fact
+from calibrant.reports.parts.figures import Fact
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from calibrant.data import CalibrationResult, TransformEstimate, as_transform
 from calibrant.geometry import se3, so3
-from calibrant.reports.figures import method_rows, noise_facts, quaternion_figures, yaw_pitch_roll_figures
+from calibrant.reports.parts.figures import method_rows, noise_facts, quaternion_figures, yaw_pitch_roll_figures
 
 
 def _estimate() -> TransformEstimate:

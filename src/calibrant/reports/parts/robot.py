@@ -8,8 +8,8 @@ import numpy as np
 
 from calibrant.data import CalibrationResult
 from calibrant.data.details import JointAxes, JointAxis, RobotParameter, RobotParameters
-from calibrant.reports.blocks import Column, TextTable
-from calibrant.reports.numbers import Figure, sigma_text, value_text
+from calibrant.reports.parts.blocks import Column, TextTable
+from calibrant.reports.parts.numbers import Figure, sigma_text, value_text
 
 _SHOWN_AS_TRANSFORMS = ("base", "tool")
 """Groups of parameters whose result is a transform of the page's own."""

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from calibrant.reports.numbers import Figure, plain, sigma_text, value_text, with_sigma
+from calibrant.reports.parts.numbers import Figure, plain, sigma_text, value_text, with_sigma
 
 
 @pytest.mark.parametrize(

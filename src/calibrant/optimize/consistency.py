@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from calibrant.optimize.chances import chi2_tail
 from calibrant.optimize.noise import NoiseEstimate, redundancies
 from calibrant.optimize.solution import Solution
 
@@ -29,9 +30,7 @@ class ChiSquare:
     @property
     def above(self) -> float:
         """Probability of a larger statistic, were the stated level true: near 0 when the noise is larger."""
-        from scipy.special import gammaincc
-
-        return float(gammaincc(self.freedom / 2, self.statistic / 2))
+        return chi2_tail(self.freedom, self.statistic)
 
     def agrees(self, *, significance: float = 0.01) -> bool:
         """True when neither tail is less likely than significance / 2."""

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import yaml
@@ -48,15 +47,6 @@ def parse_dh(text: str, source: str) -> StandardDH | ModifiedDH:
         *(_dh_row(e, f"{source}: joint {i}", length, angle, i) for i, e in enumerate(data["joints"], start=1))
     )
     return CONVENTIONS[convention](rows, joints)
-
-
-def read_dh(path: str | Path) -> StandardDH | ModifiedDH:
-    """The chain of a file. Raises: InputError as `parse_dh`, or when the file cannot be read."""
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot read {path}: {error}") from error
-    return parse_dh(text, str(path))
 
 
 def dh_text(chain: DHChain) -> str:

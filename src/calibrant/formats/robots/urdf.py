@@ -11,7 +11,6 @@ import math
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,22 +38,13 @@ class UrdfChain:
     source: str
 
 
-def read_urdf(path: str | Path, *, link: str | None = None, base: str | None = None) -> UrdfChain:
+def parse_urdf(text: str, source: str, *, link: str | None = None, base: str | None = None) -> UrdfChain:
     """The chain from link `base` (the root by default) to `link` (the only leaf below it by default).
 
-    Raises: InputError naming the file and what is wrong: no XML, no such link (with those there are), several leaves,
-    joints of other kinds in the chain, limits that are missing or reversed, links that are no tree.
+    Args: text of a URDF; source names it in messages. Raises: InputError naming what is wrong: no XML, no such link
+    (with those there are), several leaves, joints of other kinds in the chain, limits that are missing or reversed,
+    links that are no tree.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror.lower() if isinstance(error, OSError) and error.strerror else str(error)
-        raise InputError(f"cannot read {path}: {reason}") from error
-    return parse_urdf(text, str(path), link=link, base=base)
-
-
-def parse_urdf(text: str, source: str, *, link: str | None = None, base: str | None = None) -> UrdfChain:
-    """As `read_urdf`, from text; `source` names it in messages."""
     root = _urdf_root(text, source)
     joints = [_joint(element, source) for element in root.findall("joint")]
     by_child = {j.child: j for j in joints}

@@ -32,6 +32,7 @@ from calibrant.errors import CalibrantError, RefusedError
 from calibrant.formats.poses.read import notations, read_poses
 from calibrant.geometry import rotations, se3
 from calibrant.simulate.noise import flipped_board
+from calibrant.simulate.truth import normalised
 
 Array = NDArray[np.float64]
 
@@ -233,8 +234,7 @@ def clean_result(sample: Sample) -> CalibrationResult:
 def distance(result: CalibrationResult, clean: CalibrationResult) -> float:
     """sqrt(d^T C^-1 d / 6) of the camera's transform, C the covariance that the repaired result states."""
     estimate, truth = result.transforms[0], clean.transforms[0]
-    d = se3.local(truth.matrix, estimate.matrix)
-    return float(np.sqrt(d @ np.linalg.solve(estimate.covariance, d) / 6))
+    return float(np.sqrt(normalised(estimate, truth.matrix) / 6))
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ from calibrant.errors import CalibrantError
 from calibrant.geometry import se3, so3
 from calibrant.simulate.noise import noisy_poses
 from calibrant.simulate.scenes import grid, gripper_poses, look_at_board, observe, standard_camera, standard_mounting
+from calibrant.simulate.truth import chi_square
 
 Array = NDArray[np.float64]
 
@@ -102,7 +103,7 @@ def run(job: tuple[Noise, int]) -> Trial | str:
     e = se3.local(X, estimate.matrix)
     robot = result.sigma_robot
     levels = (result.sigma_px or np.nan, robot.mm if robot else np.nan, robot.deg if robot else np.nan)
-    return Trial(errors, float(e @ np.linalg.solve(np.asarray(estimate.covariance), e)), levels)
+    return Trial(errors, chi_square(e, estimate.covariance), levels)
 
 
 def report(noise: Noise, answers: list[Trial | str]) -> bool:

@@ -22,6 +22,7 @@ from calibrant.robots.arms import arm
 from calibrant.robots.geometry import ParametricChain
 from calibrant.robots.links import as_links
 from calibrant.simulate.robot_errors import measure, simulate_arm
+from calibrant.simulate.truth import chi_square
 
 SIGMA_MM = 0.05
 REQUIRED_MM = 0.08
@@ -55,7 +56,7 @@ def run_trial(nominal: ParametricChain, seed: int, poses: int, sigma_deg: float 
     return Trial(
         rms(calibration.nominal.predict(q)),
         rms(calibration.model.predict(q)),
-        float(e @ np.linalg.solve(C, e)),
+        chi_square(e, C),
         len(calibration.fitted),
     )
 

@@ -40,6 +40,7 @@ from calibrant.robots.arms import arm
 from calibrant.simulate.cell import SIGMA_ROBOT_DEG, SIGMA_ROBOT_MM, WORKING_DISTANCE, Cell, make_cell, observe_cell
 from calibrant.simulate.noise import noisy_poses
 from calibrant.simulate.scenes import Setup, grid, intrinsics_scene, observe, standard_camera
+from calibrant.simulate.truth import chi_square
 
 Array = NDArray[np.float64]
 Draw = Callable[[int], "Outcome"]
@@ -58,7 +59,7 @@ class Outcome:
 
     @property
     def square(self) -> float:
-        return float(self.error @ np.linalg.solve(self.covariance, self.error))
+        return chi_square(self.error, self.covariance)
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from calibrant.robots.arms import arm
 from calibrant.robots.inverse import solve_inverse
 from calibrant.simulate.render import Look, render
 from calibrant.simulate.scenes import gripper_poses, look_at_board, standard_mounting
+from calibrant.simulate.truth import normalised
 from calibrant.targets.registry import parse_target
 
 TARGET = "chessboard:7x6:30mm"
@@ -79,9 +80,8 @@ def test_two_cameras_by_name(calibrant, pair: Pair, cell, tmp_path: Path) -> Non
         ("gripper", "left"), ("gripper", "right"), ("base", "target"), ("left", "right"),
     }  # fmt: skip
     between = result.transform("left", "right")
-    d = se3.local(T_LEFT_RIGHT, between.matrix)
     # sqrt of chi-square(6) / 6 is below 2 in all but 1 in 2000 cases.
-    assert np.sqrt(d @ np.linalg.solve(between.covariance, d) / 6) < 2
+    assert np.sqrt(normalised(between, T_LEFT_RIGHT) / 6) < 2
     assert result.joint_covariance is not None
     assert "T_left_right" in outcome.out
     text = page.read_text()

@@ -58,8 +58,30 @@ def transform_truth(estimate: TransformEstimate, T_true: ArrayLike) -> Transform
     """Compare an estimate with the truth, both T_parent_child. Raises: InputError when it carries no covariance."""
     covariance = _stated_covariance(estimate)
     error = se3.local(estimate.matrix, T_true)
-    normalised = float(error @ np.linalg.solve(covariance, error))
-    return TransformTruth(error, np.sqrt(np.diag(covariance)), normalised, float(chi2.ppf(CONFIDENCE, 6)))
+    limit = float(chi2.ppf(CONFIDENCE, 6))
+    return TransformTruth(error, np.sqrt(np.diag(covariance)), chi_square(error, covariance), limit)
+
+
+def normalised(estimate: TransformEstimate, T_true: ArrayLike) -> float:
+    """e^T C^-1 e of an estimate and the truth, chi-square with 6 degrees of freedom when its covariance is right.
+
+    Raises: InputError when the estimate carries no covariance.
+    """
+    return transform_truth(estimate, T_true).normalised
+
+
+def chi_square(error: ArrayLike, covariance: ArrayLike | None) -> float:
+    """e^T C^-1 e of an error (k,) and its covariance (k, k): chi-square with k degrees of freedom when that is right.
+
+    Raises: InputError when there is no covariance.
+
+    >>> chi_square([2.0, 0.0], [[4.0, 0.0], [0.0, 1.0]])
+    1.0
+    """
+    if covariance is None:
+        raise InputError("an error has no chi-square without its covariance")
+    e = np.asarray(error, dtype=np.float64)
+    return float(e @ np.linalg.solve(np.asarray(covariance, dtype=np.float64), e))
 
 
 def point_truth(estimate: TransformEstimate, T_true: ArrayLike, p_child: ArrayLike) -> PointTruth:

@@ -10,8 +10,8 @@ import pytest
 from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye
 from calibrant.data import CalibrationResult, RobotPoses
 from calibrant.errors import InputError, RefusedError
-from calibrant.geometry import se3
 from calibrant.simulate.scenes import HandEyeScene, Setup, hand_eye_scene
+from calibrant.simulate.truth import normalised
 
 SETUPS: list[Setup] = ["eye-in-hand", "eye-to-hand"]
 
@@ -30,8 +30,7 @@ def normalised_errors(result: CalibrationResult, scene: HandEyeScene) -> list[fl
     """d^T C^-1 d of X and of Z, each chi-square with 6 degrees of freedom."""
     errors = []
     for estimate, truth in zip(result.transforms, (scene.X, scene.Z)):
-        d = se3.local(estimate.matrix, truth)
-        errors.append(float(d @ np.linalg.solve(estimate.covariance, d)))
+        errors.append(normalised(estimate, truth))
     return errors
 
 

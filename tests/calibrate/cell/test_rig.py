@@ -12,6 +12,7 @@ from calibrant.data import Observations, View
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3, so3
 from calibrant.simulate.scenes import grid, look_at_board, standard_camera
+from calibrant.simulate.truth import normalised
 
 CAMERA, POINTS = standard_camera(), grid(8, 6, 0.03)
 TURNS = [so3.exp([0, 0.1 * (c - 1), 0]) for c in range(3)]
@@ -50,8 +51,7 @@ def test_errors_match_their_covariance() -> None:
         result = calibrate_rig(rig_scene(seed))
         for k in (1, 2):
             estimate = result.transform("left", NAMES[k])
-            d = se3.local(truth(0, k), estimate.matrix)
-            scores.append(d @ np.linalg.solve(estimate.covariance, d))
+            scores.append(normalised(estimate, truth(0, k)))
     # Mean of 24 values of deviation sqrt(12), in pairs correlated: 6 +- 1; three sigmas allowed.
     assert 3.0 < np.mean(scores) < 9.0
 

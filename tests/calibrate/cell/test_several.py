@@ -17,6 +17,7 @@ from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3, so3
 from calibrant.simulate.noise import noisy_poses
 from calibrant.simulate.scenes import grid, gripper_poses, look_at_board, observe, standard_camera, standard_mounting
+from calibrant.simulate.truth import normalised
 
 CAMERA, POINTS = standard_camera(), grid(9, 7, 0.02)
 IDS = tuple(f"{i}.png" for i in range(14))
@@ -59,8 +60,7 @@ def two_in_hand(rng: np.random.Generator) -> CalibrationResult:
 def off(result: CalibrationResult, parent: str, child: str, truth: np.ndarray) -> float:
     """sqrt(d^T C^-1 d / 6): 1 for an error as large as stated."""
     t = result.transform(parent, child)
-    d = se3.local(truth, t.matrix)
-    return float(np.sqrt(d @ np.linalg.solve(np.asarray(t.covariance), d) / 6))
+    return float(np.sqrt(normalised(t, truth) / 6))
 
 
 def test_two_cameras_on_one_gripper_and_the_transform_between_them() -> None:

@@ -13,6 +13,7 @@ from calibrant.cameras import Camera
 from calibrant.data import Observations, View
 from calibrant.errors import InputError, RefusedError
 from calibrant.simulate.scenes import IntrinsicsScene, intrinsics_scene, look_at_board, observe
+from calibrant.simulate.truth import chi_square
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +34,7 @@ def normalised_error(camera: Camera, truth: Camera) -> float:
     free = [i for i, s in enumerate(camera.sigma.values()) if s > 0]
     d = (camera.values - truth.values)[free]
     assert camera.covariance is not None
-    return float(d @ np.linalg.solve(camera.covariance[np.ix_(free, free)], d))
+    return chi_square(d, camera.covariance[np.ix_(free, free)])
 
 
 def same_optimum(a: Camera, b: Camera) -> bool:

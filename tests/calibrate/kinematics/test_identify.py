@@ -21,6 +21,7 @@ from calibrant.geometry import se3, so3
 from calibrant.robots.arms import arm
 from calibrant.robots.links import as_links
 from calibrant.simulate.robot_errors import SimulatedArm, measure, simulate_arm
+from calibrant.simulate.truth import chi_square
 
 
 def worn(seed: int, *, links: bool = False) -> tuple[SimulatedArm, np.random.Generator]:
@@ -129,7 +130,7 @@ def test_the_sigmas_tell_the_truth() -> None:
         q = simulated.draw_joints(rng, 1)
         T, J = calibration.model.linearize(q)
         e = se3.local(T, simulated.tool(q))[0]
-        squares += float(e @ np.linalg.solve(J[0] @ calibration.covariance @ J[0].T, e))
+        squares += chi_square(e, J[0] @ calibration.covariance @ J[0].T)
         degrees += 6
     assert 0.4 * degrees < squares < 2.0 * degrees  # chi-square with 36 degrees: 0.4 and 2.0 are beyond 99.9 %
 

@@ -15,6 +15,7 @@ from calibrant.data import View
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3, so3
 from calibrant.simulate.scenes import grid, standard_camera
+from calibrant.simulate.truth import normalised
 
 Array = NDArray[np.float64]
 TWO = np.array([[0.03, 0.002, -0.004], [-0.03, 0.001, -0.004]])
@@ -56,8 +57,7 @@ def test_errors_are_as_large_as_predicted() -> None:
             given, pose, uv + 0.3 * rng.standard_normal(uv.shape), features,
             sigma_px=0.3, covariance_target=np.diag(SIGMA_TARGET**2),
         )  # fmt: skip
-        error = se3.local(found.gripper_camera.matrix, T_gripper_camera)
-        squares.append(error @ np.linalg.solve(found.gripper_camera.covariance, error))
+        squares.append(normalised(found.gripper_camera, T_gripper_camera))
         misfits.append((found.misfit_mm / found.sigma_misfit_mm) ** 2)
     low, high = chi2.ppf([0.0005, 0.9995], 6 * len(squares))
     assert low < np.sum(squares) < high
@@ -83,8 +83,7 @@ def test_the_lens_moves_board_and_features_alike() -> None:
             given, T, uv + 0.3 * rng.standard_normal(uv.shape), TWO, sigma_px=0.3,
             covariance_target=0.01 * pose.covariance[0], target_by_camera=moved_by_camera(given, view, T),
         )  # fmt: skip
-        error = se3.local(found.gripper_camera.matrix, T_gripper_camera)
-        squares.append(error @ np.linalg.solve(found.gripper_camera.covariance, error))
+        squares.append(normalised(found.gripper_camera, T_gripper_camera))
     low, high = chi2.ppf([0.0005, 0.9995], 6 * len(squares))
     assert low < np.sum(squares) < high
 

@@ -14,6 +14,7 @@ from calibrant.data import TransformEstimate, as_transform
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3, so3
 from calibrant.simulate.scenes import standard_camera
+from calibrant.simulate.truth import chi_square
 
 Array = NDArray[np.float64]
 TIP, POINT = np.array([0.012, -0.034, 0.151]), np.array([0.5, 0.1, 0.05])
@@ -55,7 +56,7 @@ def test_touch_errors_are_as_large_as_predicted() -> None:
         error = found.tip - TIP
         # With the true level: its estimate from 18 spare residuals makes the ratio an F instead of a chi-square.
         true = found.covariance * (sigma * 1e3 / found.sigma) ** 2 * (16 / 18)
-        squares.append(error @ np.linalg.solve(true, error))
+        squares.append(chi_square(error, true))
         levels.append(found.sigma**2)
     low, high = chi2.ppf([0.0005, 0.9995], 3 * len(squares))
     assert low < np.sum(squares) < high
@@ -71,7 +72,7 @@ def test_few_touches_are_as_certain_as_stated(n: int) -> None:
         noisy[:, :3, 3] += 2e-4 * rng.standard_normal((n, 3))
         found = tip_by_touch(noisy)
         error = found.tip - TIP
-        squares.append(error @ np.linalg.solve(found.covariance, error) / 3)
+        squares.append(chi_square(error, found.covariance) / 3)
         flagged += found.chances.min() < 0.01 / n
     # Six spare residuals of four touches: 1.5 without Student's widening. The mean scatters by 0.11 (heavy tails).
     assert 0.75 < np.mean(squares) < 1.3
@@ -123,7 +124,7 @@ def test_sight_errors_are_as_large_as_predicted() -> None:
         pixels = seen(poses, truth) + 0.2 * rng.standard_normal((n, 2))
         found: ToolTip = tip_by_sight(poses, pixels, camera=camera, base_camera=estimate)
         error = found.tip - TIP
-        squares.append(error @ np.linalg.solve(found.covariance, error))
+        squares.append(chi_square(error, found.covariance))
     # 200 trials of 3 degrees of freedom scatter by 0.17 about 3, the noise from 17 residuals adds to it.
     assert np.mean(squares) == pytest.approx(3.0, abs=0.6)
     assert 0.5 < found.of_camera < 1

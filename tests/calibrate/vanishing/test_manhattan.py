@@ -17,6 +17,7 @@ from calibrant.detection.line_segments import Segments, find_segments, from_part
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import so3
 from calibrant.simulate.manhattan import render_room, room
+from calibrant.simulate.truth import chi_square
 
 Array = NDArray[np.float64]
 SIZE = (640, 480)
@@ -89,7 +90,7 @@ def test_sigmas_of_edges_with_noise_and_clutter_are_true(camera: Camera) -> None
         R = turned(seed)
         found = manhattan_rotation(edges(camera, R, (10, 9, 8), clutter=5, sigma_px=0.3, seed=seed), camera)
         e = error(found, R)
-        squares.append(e @ np.linalg.solve(found.covariance, e))
+        squares.append(chi_square(e, found.covariance))
     # The mean of 20 chi-squares with 3 degrees scatters by sqrt(6 / 20) = 0.55; three times that is allowed.
     assert np.mean(squares) == pytest.approx(3.0, abs=1.65)
 
@@ -116,8 +117,8 @@ def test_the_cameras_uncertainty_counts() -> None:
         found = manhattan_rotation(edges(BROWN, R, (6, 6, 6), sigma_px=0.2, seed=seed), believed)
         assert found.of_camera is not None
         e = error(found, R)
-        squares.append(e @ np.linalg.solve(found.covariance, e))
-        without.append(e @ np.linalg.solve(found.covariance - found.of_camera, e))
+        squares.append(chi_square(e, found.covariance))
+        without.append(chi_square(e, found.covariance - found.of_camera))
     # The mean of 12 scatters by sqrt(6 / 12) = 0.71; three times that is allowed.
     assert np.mean(squares) == pytest.approx(3.0, abs=2.1)
     assert np.mean(without) > 9
@@ -135,7 +136,7 @@ def test_pictures_of_a_room(camera: Camera) -> None:
         e = error(found, R)
         assert np.rad2deg(np.linalg.norm(e)) < 0.06
         assert found.sigma_px < 0.15
-        squares.append(e @ np.linalg.solve(found.covariance, e))
+        squares.append(chi_square(e, found.covariance))
     # The mean of 4 scatters by sqrt(6 / 4) = 1.2; three times that is allowed.
     assert np.mean(squares) < 3.0 + 3.7
 

@@ -36,6 +36,7 @@ from calibrant.geometry import se3
 from calibrant.optimize.levenberg_marquardt import solve
 from calibrant.simulate.noise import noisy_poses
 from calibrant.simulate.scenes import hand_eye_scene, observe
+from calibrant.simulate.truth import chi_square
 
 Array = NDArray[np.float64]
 VOLUME = "400mm:700mm,-200mm:100mm,0mm:100mm"
@@ -142,7 +143,7 @@ def test_errors_are_as_large_as_predicted() -> None:
         error = se3.apply(X, ray / ray[2] * depth) - point
         joint = fit.joint_covariance([("T_base_camera", 0), ("T_gripper_target", 0), ("camera", 0)])
         J = point_jacobian(X, found, ray / ray[2] * depth, np.eye(4))
-        normalised.append(error @ np.linalg.solve(J @ joint @ J.T, error))
+        normalised.append(chi_square(error, J @ joint @ J.T))
     # 3 degrees of freedom each: the sum is chi-square with 120; a 1 in 1000 two-sided bound.
     low, high = chi2.ppf([0.0005, 0.9995], 3 * len(normalised))
     assert low < np.sum(normalised) < high

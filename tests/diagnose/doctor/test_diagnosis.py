@@ -19,6 +19,7 @@ from calibrant.errors import RefusedError
 from calibrant.formats.poses.read import PoseNotation, notations, read_poses
 from calibrant.geometry import rotations, se3
 from calibrant.simulate.scenes import hand_eye_scene
+from calibrant.simulate.truth import normalised
 
 Array = NDArray[np.float64]
 BENCHMARK = Path(__file__).resolve().parents[3] / "benchmarks" / "doctor.py"
@@ -109,8 +110,7 @@ def test_one_flip_is_found_and_the_result_is_within_its_sigma(tmp_path: Path) ->
         assert names(found) == ["board-flipped"]
         assert found.findings[0].views == ("7.png",)
         estimate = calibrate_repaired(found).transforms[0]
-        d = se3.local(estimate.matrix, scene.X)
-        inside += bool(np.sqrt(d @ np.linalg.solve(estimate.covariance, d) / 6) < 1)  # type: ignore[arg-type]
+        inside += bool(np.sqrt(normalised(estimate, scene.X) / 6) < 1)
     # chi-square of 6 below its 6: P = 0.58; five trials give none with 1.3 %.
     assert inside >= 1
 

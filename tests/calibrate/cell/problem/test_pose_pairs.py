@@ -16,6 +16,7 @@ from calibrant.geometry import se3
 from calibrant.optimize.levenberg_marquardt import solve
 from calibrant.optimize.noise import estimate_noise
 from calibrant.simulate.scenes import hand_eye_scene
+from calibrant.simulate.truth import chi_square
 
 START = {TARGET_ROTATION: 1e-3, TARGET_TRANSLATION: 1e-3}
 
@@ -49,7 +50,7 @@ def test_normalised_error_and_noise_of_a_camera_in_the_hand() -> None:
         found = estimate_noise(problem)
         assert found.settled
         e = se3.local(scene.X, found.solution.value(setup.camera_transform)[0])
-        errors.append(e @ np.linalg.solve(found.solution.covariance(setup.camera_transform), e))
+        errors.append(chi_square(e, found.solution.covariance(setup.camera_transform)))
         levels.append([found.levels[g].sigma for g in (FLANGE_ROTATION, TARGET_ROTATION, TARGET_TRANSLATION)])
     assert np.mean(errors) == pytest.approx(6, abs=3 * np.sqrt(12 / 80))
     flange, target, position = np.median(levels, axis=0)

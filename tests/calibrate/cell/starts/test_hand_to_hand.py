@@ -17,6 +17,7 @@ from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3, so3
 from calibrant.simulate.noise import noisy_poses
 from calibrant.simulate.scenes import grid, look_at_board, observe, standard_camera
+from calibrant.simulate.truth import normalised
 
 CAMERA, POINTS = standard_camera(), grid(9, 7, 0.02)
 X = se3.make(so3.exp([0.1, -0.2, 1.5]), [0.03, -0.05, 0.09])
@@ -50,8 +51,7 @@ def calibrated(seed: int, n: int = 25) -> CalibrationResult:
 def off(result: CalibrationResult, parent: str, child: str, truth: np.ndarray) -> float:
     """d^T C^-1 d / 6: 1 for an error as large as stated."""
     t = result.transform(parent, child)
-    d = se3.local(truth, t.matrix)
-    return float(d @ np.linalg.solve(np.asarray(t.covariance), d) / 6)
+    return normalised(t, truth) / 6
 
 
 @pytest.mark.parametrize("seed", range(5))

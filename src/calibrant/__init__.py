@@ -34,6 +34,10 @@ if TYPE_CHECKING:
     from calibrant.tasks.verbs import doctor as doctor
     from calibrant.tasks.verbs import hand_eye as hand_eye
     from calibrant.tasks.verbs import intrinsics as intrinsics
+    from calibrant.tasks.verbs import time_offset as time_offset
+    from calibrant.tasks.verbs import tool_seen as tool_seen
+    from calibrant.tasks.verbs import tool_self_visibility as tool_self_visibility
+    from calibrant.tasks.verbs import tool_touch as tool_touch
 
     read = result_file.read_result
 
@@ -61,6 +65,10 @@ _PUBLIC = {
     "intrinsics": ("calibrant.tasks.verbs", "intrinsics"),
     "parse_target": ("calibrant.targets.registry", "parse_target"),
     "read": ("calibrant.data.result_file", "read_result"),
+    "time_offset": ("calibrant.tasks.verbs", "time_offset"),
+    "tool_seen": ("calibrant.tasks.verbs", "tool_seen"),
+    "tool_self_visibility": ("calibrant.tasks.verbs", "tool_self_visibility"),
+    "tool_touch": ("calibrant.tasks.verbs", "tool_touch"),
     "write_report": ("calibrant.reports.html", "write_report"),
 }
 

@@ -22,10 +22,8 @@ LEGACY = {
     "capture": "Take views from a running camera until it is known.",
     "kinematics": "Identify and correct a robot's geometry.",
     "next-pose": "Say which poses to take next, or from the start.",
-    "time-offset": "Find the offset between camera's and robot's clocks.",
     "dynamic": "Locate a camera beside the robot through the wrist camera.",
     "undistort": "Undistort photos.",
-    "tool": "Find a tool's tip, by touch or by sight.",
     "study": "Compare methods, and see when each fails.",
 }
 """Commands that are no tasks yet; each leaves this list when it becomes one."""

@@ -49,9 +49,15 @@ TASKS = {
     "pose": Entry("cameras.pose", "Find where a target is, from photos."),
     "vanishing": Entry("cameras.vanishing", "Find how a camera is turned, from a scene's edges."),
     "report": Entry("results.report", "Show a result file, or make its HTML report.", ()),
+    "time-offset": Entry("robots.time_offset", "Find the offset between camera's and robot's clocks."),
+    "tool touch": Entry("robots.tool_touch", "The tip from poses in which it touches one point."),
+    "tool seen": Entry("robots.tool_seen", "The tip from poses in which a camera that stands still sees it."),
+    "tool self-visibility": Entry(
+        "robots.tool_self_visibility", "Where a hand camera sits, from one photo of the gripper it sees."
+    ),
 }
 """Every command by its words: "intrinsics", "tool touch"."""
-GROUPS: dict[str, str] = {}
+GROUPS = {"tool": "Find a tool's tip, by touch or by sight, or a hand camera from the gripper it sees."}
 """What each group of commands is about: the first word of those that have two."""
 
 

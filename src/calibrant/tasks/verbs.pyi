@@ -150,3 +150,51 @@ def report(
     target_sigma: str | None = None,
     force: bool = False,
 ) -> CalibrationResult: ...
+def time_offset(
+    *,
+    poses: str | Path,
+    target_poses: str | Path,
+    setup: str = "eye-in-hand",
+    largest: str = "2s",
+    robot_format: str | None = None,
+    robot: str | None = None,
+    robot_link: str | None = None,
+    robot_base: str | None = None,
+    joint_angle: str = "auto",
+) -> CalibrationResult: ...
+def tool_touch(
+    *,
+    poses: Words,
+    robot_format: str | None = None,
+    robot: str | None = None,
+    robot_link: str | None = None,
+    robot_base: str | None = None,
+    joint_angle: str = "auto",
+    pose_units: str = "auto",
+    pose_rotation: str = "auto",
+    pose_angle: str = "auto",
+    pose_direction: str = "base-gripper",
+) -> CalibrationResult: ...
+def tool_seen(
+    *,
+    poses: Words,
+    pixels: str | Path,
+    result: str | Path,
+    robot_format: str | None = None,
+    robot: str | None = None,
+    robot_link: str | None = None,
+    robot_base: str | None = None,
+    joint_angle: str = "auto",
+    pose_units: str = "auto",
+    pose_rotation: str = "auto",
+    pose_angle: str = "auto",
+    pose_direction: str = "auto",
+) -> CalibrationResult: ...
+def tool_self_visibility(
+    *,
+    image: str | Path,
+    features: str | Path,
+    camera: str | Path,
+    target: str | None = None,
+    sigma_px: str = "0.5px",
+) -> CalibrationResult: ...

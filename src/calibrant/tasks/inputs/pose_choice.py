@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 
+from calibrant.cancel import CancelledError, checkpoint
 from calibrant.errors import CalibrantError, InputError, RefusedError
 
 if TYPE_CHECKING:
@@ -67,8 +68,11 @@ def best_reading(
     tried: list[tuple[float, Chosen[T]]] = []
     failure: CalibrantError | None = None
     for reading in notations(raw):
+        checkpoint()
         try:
             outcome = attempt(reading)
+        except CancelledError:
+            raise
         except CalibrantError as error:
             failure = failure or error
             continue

@@ -132,10 +132,12 @@ def _words(name: str, value: Any) -> Iterator[str]:
 
 @cache
 def helps_of(owner: type) -> Mapping[str, str]:
-    """The strings below the fields of a class, on one line each."""
+    """The strings below the fields of a class and of those it is made from, on one line each."""
     (tree,) = ast.parse(textwrap.dedent(inspect.getsource(owner))).body
     body = tree.body if isinstance(tree, ast.ClassDef) else []
-    out = {}
+    out: dict[str, str] = {}
+    for base in owner.__bases__:
+        out |= helps_of(base) if is_dataclass(base) else {}
     for field, below in pairwise(body):
         text = below.value.value if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant) else None
         if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and isinstance(text, str):

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PoseOptions:
-    """How robot poses are written; auto: decided from the data."""
+class NotationOptions:
+    """How poses are written; auto: decided from the data."""
 
     pose_units: Annotated[str, Option("UNIT")] = "auto"
     """Unit of positions: auto, m, mm, cm or in."""
@@ -23,6 +23,12 @@ class PoseOptions:
     """auto, quat-xyzw, quat-wxyz, rotvec, euler:ZYX, euler:xyz …, matrix."""
     pose_angle: Annotated[str, Option("UNIT")] = "auto"
     """auto, deg or rad."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseOptions(NotationOptions):
+    """How robot poses are written; auto: decided from the data."""
+
     pose_direction: Annotated[str, Option("NAME")] = "auto"
     """auto, base-gripper or gripper-base."""
 
@@ -34,6 +40,14 @@ class PoseOptions:
             list(files), units=self.pose_units, rotation=self.pose_rotation, angle=self.pose_angle,
             direction=self.pose_direction, robot=arm.chain(), joint_angle=arm.joint_angle, maker=arm.robot_format,
         )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class TouchPoseOptions(PoseOptions):
+    """How robot poses are written in which a tool touches a point."""
+
+    pose_direction: Annotated[str, Option("NAME")] = "base-gripper"
+    """base-gripper or gripper-base: inverted poses close as well."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,46 @@
+"""Numbers of named columns of a CSV file."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+class Columns:
+    """Numbers of named columns (n, k), and the rows' names where there is a column `image`."""
+
+    def __init__(self, values: Array, names: tuple[str, ...] | None) -> None:
+        self.values, self.names = values, names
+
+
+def read_columns(path: Path, columns: Sequence[str]) -> Columns:
+    """Read named columns of a CSV file. Raises: InputError naming the file, the line and what was expected."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"cannot read {path}: expected a CSV file with the columns {', '.join(columns)}") from error
+    reader = csv.DictReader(text.splitlines(), skipinitialspace=True)
+    missing = [c for c in columns if c not in (reader.fieldnames or ())]
+    if missing:
+        raise InputError(f"{path}: no column {missing[0]!r}; expected the header {','.join(columns)}")
+    rows, names = [], []
+    for line, row in enumerate(reader, start=2):
+        try:
+            numbers = [float(row[c] or "") for c in columns]
+        except ValueError:
+            numbers = [float("nan")]
+        if not np.all(np.isfinite(numbers)):
+            raise InputError(f"{path}:{line}: expected a finite number in each of {', '.join(columns)}")
+        rows.append(numbers)
+        names.append(row.get("image") or "")
+    if not rows:
+        raise InputError(f"{path}: the header stands alone; expected a row for each")
+    return Columns(np.array(rows), tuple(names) if all(names) else None)

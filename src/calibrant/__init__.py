@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from calibrant.reports.html import write_report as write_report
     from calibrant.targets.registry import parse_target as parse_target
     from calibrant.tasks.verbs import doctor as doctor
+    from calibrant.tasks.verbs import dynamic as dynamic
     from calibrant.tasks.verbs import hand_eye as hand_eye
     from calibrant.tasks.verbs import intrinsics as intrinsics
     from calibrant.tasks.verbs import time_offset as time_offset
@@ -60,6 +61,7 @@ _PUBLIC = {
     "calibrate_several": ("calibrant.calibrate.cell.calibrate", "calibrate_several"),
     "detect": ("calibrant.detection.pipeline", "detect"),
     "doctor": ("calibrant.tasks.verbs", "doctor"),
+    "dynamic": ("calibrant.tasks.verbs", "dynamic"),
     "geometry": ("calibrant.geometry", ""),
     "hand_eye": ("calibrant.tasks.verbs", "hand_eye"),
     "intrinsics": ("calibrant.tasks.verbs", "intrinsics"),

@@ -22,7 +22,6 @@ LEGACY = {
     "capture": "Take views from a running camera until it is known.",
     "kinematics": "Identify and correct a robot's geometry.",
     "next-pose": "Say which poses to take next, or from the start.",
-    "dynamic": "Locate a camera beside the robot through the wrist camera.",
     "undistort": "Undistort photos.",
     "study": "Compare methods, and see when each fails.",
 }

@@ -50,6 +50,7 @@ TASKS = {
     "vanishing": Entry("cameras.vanishing", "Find how a camera is turned, from a scene's edges."),
     "report": Entry("results.report", "Show a result file, or make its HTML report.", ()),
     "time-offset": Entry("robots.time_offset", "Find the offset between camera's and robot's clocks."),
+    "dynamic": Entry("robots.dynamic", "Locate a camera beside the robot through the wrist camera."),
     "tool touch": Entry("robots.tool_touch", "The tip from poses in which it touches one point."),
     "tool seen": Entry("robots.tool_seen", "The tip from poses in which a camera that stands still sees it."),
     "tool self-visibility": Entry(

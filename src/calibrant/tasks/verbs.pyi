@@ -162,6 +162,26 @@ def time_offset(
     robot_base: str | None = None,
     joint_angle: str = "auto",
 ) -> CalibrationResult: ...
+def dynamic(
+    *,
+    wrist: str | Path,
+    camera: str | Path,
+    wrist_images: Words,
+    external_images: Words,
+    poses: Words,
+    target: str | None = None,
+    target_stands: str = "still",
+    sigma_px: str | None = None,
+    robot_format: str | None = None,
+    robot: str | None = None,
+    robot_link: str | None = None,
+    robot_base: str | None = None,
+    joint_angle: str = "auto",
+    pose_units: str = "auto",
+    pose_rotation: str = "auto",
+    pose_angle: str = "auto",
+    pose_direction: str = "auto",
+) -> CalibrationResult: ...
 def tool_touch(
     *,
     poses: Words,

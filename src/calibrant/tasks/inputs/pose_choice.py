@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, TypeVar
 
@@ -13,31 +13,11 @@ from calibrant.errors import CalibrantError, InputError, RefusedError
 
 if TYPE_CHECKING:
     from calibrant.formats.poses.read import PoseNotation, RawPoses
-    from calibrant.tasks.inputs.robot_choice import RobotChoice
 
 T = TypeVar("T")
 
 CLEARLY = 2.0
 """A reading is right when every other leaves twice its misfit: wrong units or rotations leave a hundred times."""
-
-
-@dataclass(frozen=True)
-class PoseForm:
-    """The options --pose-units, --pose-rotation, --pose-angle, --pose-direction, as given."""
-
-    units: str = "auto"
-    rotation: str = "auto"
-    angle: str = "auto"
-    direction: str = "auto"
-
-    def read(self, files: Sequence[str], arm: RobotChoice) -> RawPoses:
-        """The poses of the files. Raises: InputError as `read_poses`."""
-        from calibrant.formats.poses.read import read_poses
-
-        return read_poses(
-            list(files), units=self.units, rotation=self.rotation, angle=self.angle, direction=self.direction,
-            robot=arm.chain(), joint_angle=arm.joint_angle, maker=arm.maker,
-        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

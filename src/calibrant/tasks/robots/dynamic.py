@@ -1,46 +1,75 @@
-"""What `calibrant dynamic` does: read the wrist's calibration and the photos, take the views in one by one."""
+"""Locate a camera beside the robot: read the wrist's calibration and the photos, take the views in one by one."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import sqrt
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
-
-from calibrant.cli import session
+from calibrant.cancel import checkpoint
 from calibrant.errors import InputError
-from calibrant.tasks.inputs.pose_choice import PoseForm, best_reading
-from calibrant.tasks.inputs.robot_choice import RobotChoice
+from calibrant.tasks import session
+from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.option import Option
+from calibrant.tasks.options.poses import PoseOptions
+from calibrant.tasks.options.robots import RobotOptions
+from calibrant.tasks.options.words import pixels
+from calibrant.tasks.outcome import Outcome
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from calibrant.calibrate.dynamic.problem import WristCamera
     from calibrant.calibrate.dynamic.track import DynamicCalibration, DynamicNoise
     from calibrant.cameras import Camera
     from calibrant.data import CalibrationResult, Observations, View
     from calibrant.formats.poses.read import PoseNotation
 
+EXAMPLE = (
+    'cb.dynamic(wrist="hand-eye.json", camera="front.json", wrist_images="wrist", external_images="front", '
+    'poses="poses.csv", target="chessboard:9x6:25mm")'
+)
 PLACEMENTS = ("still", "moves")
 NO_FIT = 10.0
 """Times their noise that the residuals may be: what is off by more are photos of another camera, pose or place."""
+DO_NOT_FIT = (
+    f"the photos do not fit together: whatever way the poses are read, they are more than {NO_FIT:.0f} times their "
+    "noise apart; check that each option has the photos of its own camera, that the poses are those of the wrist's "
+    "photos, and that the target did not move (--target-stands moves)"
+)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Request:
-    """The command's arguments, as given."""
+    """Locate a camera beside the robot through the wrist camera and a target that both see.
 
-    wrist: Path
-    camera: Path
-    wrist_images: tuple[str, ...]
-    external_images: tuple[str, ...]
-    poses: tuple[str, ...]
-    target: str | None
-    target_stands: str
-    sigma_px: float | None
-    form: PoseForm
-    arm: RobotChoice
-    quiet: bool
+    calibrant dynamic --wrist hand-eye.json --camera front.json --wrist-images wrist/*.png --external-images front/*.png
+    --poses poses.csv --target charuco:5x7:36mm:18mm:DICT_6X6_250
+
+    Says how certain the place is, and which source it owes that to: the wrist's calibration, either camera's pixels,
+    the external intrinsics, or the robot.
+    """
+
+    wrist: Annotated[Path, Option("FILE")]
+    """The wrist camera's hand-eye result."""
+    camera: Annotated[Path, Option("FILE")]
+    """The external camera (any format)."""
+    wrist_images: Annotated[tuple[str, ...], Option("IMAGES")]
+    """Photos by the wrist camera."""
+    external_images: Annotated[tuple[str, ...], Option("IMAGES")]
+    """Photos by the external one."""
+    poses: Annotated[tuple[str, ...], Option("FILES")]
+    """Robot poses of the wrist's photos."""
+    target: Annotated[str | None, Option("SPEC", "-t")] = None
+    """The board: chessboard:9x6:25mm (inner corners), charuco:5x7:36mm:18mm:DICT_6X6_250 (squares), or a file."""
+    target_stands: Annotated[str, Option("HOW")] = "still"
+    """still: in one place for all photos; moves: the n-th photos of both show its n-th place."""
+    sigma_px: Annotated[str | None, Option("LENGTH")] = None
+    """Noise of the external camera's corners; that of the wrist camera unless given."""
+    arm: RobotOptions = RobotOptions()
+    form: PoseOptions = PoseOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,47 +84,54 @@ class Taken:
         """The residuals' root mean square over their noise."""
         solution = self.known.solution
         numbers = sum(2 * len(sight.view) for sight in self.known.sights)
-        return float("inf") if solution is None else float(np.sqrt(2 * solution.cost / max(numbers, 1)))
+        return float("inf") if solution is None else sqrt(2 * solution.cost / max(numbers, 1))
 
 
-def calibrate(request: Request) -> CalibrationResult:
-    """Run the whole command. Raises: InputError, RefusedError as the parts do."""
+def reads(request: Request) -> list[str | Path]:
+    """Both cameras' files, the photos, the poses, and the robot's file."""
+    from calibrant.detection.images.images import expand
+
+    photos = expand([*request.wrist_images, *request.external_images])
+    return [request.wrist, request.camera, *request.poses, *photos, *request.arm.files]
+
+
+def run(request: Request, listener: Listener = SILENT) -> Outcome:
+    """The external camera in the base. Raises: InputError; RefusedError where the photos do not fit together."""
+    from calibrant.data.verdicts import refuse_if_failed
     from calibrant.formats.cameras.read import read_camera
     from calibrant.formats.poses.pairing import match_raw
+    from calibrant.tasks.inputs.pose_choice import best_reading
 
     if request.target_stands not in PLACEMENTS:
         raise InputError(f"--target-stands {request.target_stands}: choose {' or '.join(PLACEMENTS)}")
     if request.target is None:
         raise InputError("photos need the board they show: --target, such as chessboard:9x6:25mm")
-    wrist, noise = wrist_of(request.wrist, request.sigma_px)
+    wrist, noise = wrist_of(request.wrist, pixels(request.sigma_px, option="--sigma-px"))
     raw = request.form.read(request.poses, request.arm)
-    near = _boards(request, request.wrist_images, "wrist")
-    far = _boards(request, request.external_images, "external")
+    near = _boards(request, request.wrist_images, "wrist", listener)
+    far = _boards(request, request.external_images, "external", listener)
     if request.target_stands == "moves" and len(near.views) != len(far.views):
         raise InputError(
             f"{len(near.views)} photos of the wrist camera and {len(far.views)} of the external one show the board; "
             "where the target moves, the n-th photos of both belong together: leave out those without a partner"
         )
-    size = next(iter(far.image_sizes.values()))
-    external = read_camera(request.camera, image_size=size)
+    external = read_camera(request.camera, image_size=next(iter(far.image_sizes.values())))
     pairing = match_raw(raw, [v.id for v in near.views])
-    session.load_solver(quiet=request.quiet)
+    session.load_solver(listener)
 
     def attempt(reading: PoseNotation) -> Taken:
         T = reading.T_base_gripper[list(pairing.pose_index)]
         views = [near.views[i] for i in pairing.view_index]
         return take_in(wrist, external, noise, views, T, far.views, moves=request.target_stands == "moves")
 
-    chosen = best_reading(
-        raw, attempt, lambda t: t.known.solution.cost if t.known.solution else float("inf"),
-        fits=lambda t: t.off < NO_FIT, what=(
-            f"the photos do not fit together: whatever way the poses are read, they are more than {NO_FIT:.0f} times "
-            "their noise apart; check that each option has the photos of its own camera, that the poses are those of "
-            "the wrist's photos, and that the target did not move (--target-stands moves)"
-        ),
-    )  # fmt: skip
-    files: list[str | Path] = [request.wrist, request.camera, *request.poses, *request.arm.files]
-    return _result(chosen.outcome, external, chosen.reading.description, pairing.message, files)
+    with listener.status("Taking in the views …"):
+        chosen = best_reading(
+            raw, attempt, lambda t: t.known.solution.cost if t.known.solution else float("inf"),
+            fits=lambda t: t.off < NO_FIT, what=DO_NOT_FIT,
+        )  # fmt: skip
+    result = _dynamic_result(chosen.outcome, request, chosen.reading.description, pairing.message)
+    refuse_if_failed(result)
+    return Outcome(result=result)
 
 
 def wrist_of(path: Path, sigma_px: float | None) -> tuple[WristCamera, DynamicNoise]:
@@ -103,6 +139,8 @@ def wrist_of(path: Path, sigma_px: float | None) -> tuple[WristCamera, DynamicNo
 
     Raises: InputError for a result that is not of a camera on the gripper, or was not made from images.
     """
+    import numpy as np
+
     from calibrant.calibrate.dynamic.problem import WristCamera
     from calibrant.calibrate.dynamic.track import DynamicNoise
     from calibrant.data.result_file import read_result
@@ -139,29 +177,31 @@ def take_in(
         return after
 
     for i, (view, T) in enumerate(zip(near, T_base_gripper)):
+        checkpoint()
         known = noted((known.target_moved() if moves else known).seen_by_wrist(view, T))
         if moves:
             known = noted(known.seen_by_external(far[i]))
     for view in () if moves else far:
+        checkpoint()
         known = noted(known.seen_by_external(view))
     return Taken(known, tuple(surprises))
 
 
-def _boards(request: Request, images: Sequence[str], camera: str) -> Observations:
+def _boards(request: Request, images: Sequence[str], camera: str, listener: Listener) -> Observations:
     from calibrant.detection.images.images import expand
 
     files = expand(list(images))
     found = session.detect_boards(
-        files, request.target or "", mirror_x=False, workers=None, quiet=request.quiet, camera=camera
+        files, request.target or "", mirror_x=False, workers=None, camera=camera, listener=listener
     )
     if not found.views:
         raise InputError(f"no photo of the {camera} camera shows the board; the first: {found.missed[0].reason}")
     return found
 
 
-def _result(
-    taken: Taken, external: Camera, reading: str, pairing: str, files: Sequence[str | Path]
-) -> CalibrationResult:
+def _dynamic_result(taken: Taken, request: Request, reading: str, pairing: str) -> CalibrationResult:
+    import numpy as np
+
     from calibrant.data import CalibrationResult, Check, Measured, verdict_of
     from calibrant.data.verdicts import stamp
     from calibrant.diagnose.budget.workspace import budget_words, sigma_mm
@@ -185,6 +225,7 @@ def _result(
         CalibrationResult(
             "dynamic", verdict_of(tuple(checks)), tuple(checks), cameras={"external": known.camera},
             transforms=(estimate,), figures=shares,
-            decided={"pose_reading": reading}, inputs=session.file_records(files),
+            decided={"pose_reading": reading}, inputs=session.file_records(reads(request)),
+            options={"target": request.target, "target_stands": request.target_stands},
         )
     )  # fmt: skip

@@ -3,26 +3,32 @@
 from __future__ import annotations
 
 from io import StringIO
+from textwrap import shorten
 
 from calibrant.data import CalibrationResult, Check
 from calibrant.reports.kinds.registry import kind_of
 from calibrant.reports.parts.blocks import Block
-from calibrant.reports.words import STATUS_WORDS, VERDICT_WORDS, sorted_checks, title, verdict_sentence
+from calibrant.reports.words import STATUS_WORDS, VERDICT_WORDS, accuracy, sorted_checks, title
 
 WIDTH = 80
 """Columns of a summary: what every terminal has."""
 _MOST_WARNINGS = 4
 """Of many warnings the worst are said; the summary has them all."""
+_LINE = 96
+"""Letters of a warning: the first words say what it is about."""
 
 
 def brief(result: CalibrationResult) -> str:
-    """What it is, the verdict and its reason, the figures that count, and the checks that warn: some ten lines."""
-    lines = [title(result), f"{VERDICT_WORDS[result.verdict]}. {verdict_sentence(result)}"]
+    """What it is, the verdict, the figures that count, and the checks that warn, a line each: some ten lines."""
+    known = f" {accuracy(result)}" if result.verdict != "refused" else ""
+    lines = [title(result), f"{VERDICT_WORDS[result.verdict]}.{known}"]
     facts = kind_of(result).headline(result)
     wide = max((len(fact.name) for fact in facts), default=0)
     lines += [f"  {fact.name:<{wide}}  {fact.text}" for fact in facts]
     warned = _warned(result)
-    lines += [f"  {STATUS_WORDS[check.status]}: {check.name}" for check in warned[:_MOST_WARNINGS]]
+    for check in warned[:_MOST_WARNINGS]:
+        text = f"{STATUS_WORDS[check.status]}: {check.name}: {check.message}"
+        lines.append(f"  {shorten(text, _LINE, placeholder=' …')}")
     if len(warned) > _MOST_WARNINGS:
         lines.append(f"  and {len(warned) - _MOST_WARNINGS} more: summary() tells all")
     return "\n".join(lines)

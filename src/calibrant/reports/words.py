@@ -31,11 +31,12 @@ def verdict_sentence(result: CalibrationResult) -> str:
         return f"{_sentence(reason)}{_more(len(failed) - 1, 'failed check')}"
     if result.verdict == "warn":
         reason = f" {_sentence(warned[0].message)}" if warned else ""
-        return f"{_accuracy(result)}{reason}{_more(len(warned) - 1, 'warning')}"
-    return f"{_accuracy(result)} {_passed(result)}".strip()
+        return f"{accuracy(result)}{reason}{_more(len(warned) - 1, 'warning')}"
+    return f"{accuracy(result)} {_passed(result)}".strip()
 
 
-def _accuracy(result: CalibrationResult) -> str:
+def accuracy(result: CalibrationResult) -> str:
+    """How well what was asked for is known, in one sentence."""
     return kind_of(result).answer(result) or focal_known(result) or "Done."
 
 

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from calibrant.simulate.cell import make_cell, photograph
 from calibrant.simulate.render import render
 from calibrant.simulate.scenes import hand_eye_scene, intrinsics_scene, look_at_board, standard_camera
 from calibrant.targets.registry import parse_target
@@ -23,7 +24,6 @@ BOARD = "chessboard:9x6:25mm"
 SHOWN_ELSEWHERE = {
     "conventions.md": "its examples say their output: test_conventions.py",
     "examples.md": "shows the files of examples/, which run by themselves",
-    "first-hand-eye.md": "needs 12 rendered photos: docs/first_hand_eye.py runs its commands, examples/05 its call",
 }
 """Pages whose blocks are not run here, and why."""
 
@@ -40,6 +40,12 @@ def photos(folder: Path) -> dict[str, Any]:
         cv2.imwrite(f"{folder}/photos/{i}.png", render(board.artwork(), camera, T, rng=rng))
     scene = hand_eye_scene("good", seed=1)
     return {"T_base_gripper": scene.robot_poses.T_base_gripper, "T_camera_target": scene.measured_T_camera_target}
+
+
+def first_set(folder: Path) -> dict[str, Any]:
+    """My first hand-eye: photos and poses in good/."""
+    photograph(make_cell(1, views=6), folder / "good")
+    return {}
 
 
 def one_view(folder: Path) -> dict[str, Any]:
@@ -67,6 +73,7 @@ GIVEN: dict[str, Callable[[Path], dict[str, Any]]] = {
     "README.md": photos,
     "camera-models.md": any_photo,
     "classical-methods.md": one_view,
+    "first-hand-eye.md": first_set,
     "pose.md": one_view,
     "vanishing.md": photo_of_a_room,
 }

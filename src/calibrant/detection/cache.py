@@ -54,7 +54,7 @@ class Cache:
         """The image's size and its detection; None when it is not kept, or not readable."""
         try:
             content = json.loads(self._file(key).read_text(encoding="utf-8"))
-            return _decoded(content)
+            return _decoded_detection(content)
         except (FileNotFoundError, json.JSONDecodeError, KeyError, ValueError):
             # A file that someone has cut short is looked for again and written anew.
             return None
@@ -129,7 +129,7 @@ def _encoded(size: Size, detection: Detection) -> dict[str, Any]:
     }
 
 
-def _decoded(content: Mapping[str, Any]) -> tuple[Size, Detection]:
+def _decoded_detection(content: Mapping[str, Any]) -> tuple[Size, Detection]:
     sigma = content["sigma_px"]
     width, height = content["size"]
     return (int(width), int(height)), Detection(

@@ -90,7 +90,7 @@ def detect(
         raise DetectionError(_why_none(readable, wanted, len(done)) + mirrored)
     names = distinct_names([d.file for d in done])
     points, row_of = wanted.points, {int(label): row for row, label in enumerate(wanted.point_ids)}
-    views = tuple(_view(d, names[d.file], points, row_of, camera) for d in found)
+    views = tuple(_detected_view(d, names[d.file], points, row_of, camera) for d in found)
     notes = [*notes_on_orientation([d.orientation for d in done if d.size is not None])]
     notes += [note for d in done for note in d.detection.notes]
     return Observations(
@@ -210,7 +210,7 @@ def _why_none(readable: Sequence[ImageDetection], target: Target, count: int) ->
     return f"{head}; {where}: {reason}"
 
 
-def _view(
+def _detected_view(
     result: ImageDetection, name: str, points: NDArray[np.float64], row_of: Mapping[int, int], camera: str
 ) -> View:
     """The view of a file. Args: points (n, 3), metres, of the whole target; row_of: the row of each label in them."""

@@ -54,7 +54,7 @@ class ViewResiduals:
     @property
     def rms_px(self) -> float:
         """RMS per point over both axes, NaN without points."""
-        return _rms(self.residuals)
+        return _rms_of_residuals(self.residuals)
 
 
 def camera_of(result: CalibrationResult, view: ViewResult) -> str:
@@ -72,7 +72,7 @@ def fitted_poses(result: CalibrationResult) -> dict[tuple[str, str], Array]:
     """
     stated = {(camera_of(result, v), v.id): v.T_camera_target for v in result.views if v.T_camera_target is not None}
     views = result.observations.views if result.observations else ()
-    return stated | _fitted(result, [v for v in views if (v.camera, v.id) not in stated])
+    return stated | _fitted_poses(result, [v for v in views if (v.camera, v.id) not in stated])
 
 
 def seen_poses(result: CalibrationResult) -> dict[tuple[str, str], Array]:
@@ -80,7 +80,7 @@ def seen_poses(result: CalibrationResult) -> dict[tuple[str, str], Array]:
 
     Views of a camera that is not calibrated, or that determine no pose, are absent.
     """
-    return _fitted(result, result.observations.views if result.observations else ())
+    return _fitted_poses(result, result.observations.views if result.observations else ())
 
 
 def view_residuals(result: CalibrationResult, poses: Mapping[tuple[str, str], Array]) -> tuple[ViewResiduals, ...]:
@@ -135,7 +135,7 @@ def structure_check(views: tuple[ViewResiduals, ...], *, image_size: tuple[int, 
     return Check("residual-structure", "ok", message, max(share, neighbour, 0.0))
 
 
-def _fitted(result: CalibrationResult, views: Sequence[View]) -> dict[tuple[str, str], Array]:
+def _fitted_poses(result: CalibrationResult, views: Sequence[View]) -> dict[tuple[str, str], Array]:
     """Poses of the views by (camera, id), each camera held; views that determine none are absent."""
     from calibrant.calibrate.pose.target_poses import target_poses  # compiled code: only where a pose is missing
 
@@ -155,7 +155,7 @@ def _fitted(result: CalibrationResult, views: Sequence[View]) -> dict[tuple[str,
     return poses
 
 
-def _rms(residuals: Array) -> float:
+def _rms_of_residuals(residuals: Array) -> float:
     return float(np.sqrt(np.mean(np.sum(residuals**2, axis=-1)))) if len(residuals) else float("nan")
 
 
@@ -166,7 +166,7 @@ def _standardised(view: ViewResiduals) -> tuple[Array, Array]:
     sigma = max(float(np.sqrt(np.median(squared) / (2 * np.log(2)))), np.finfo(float).tiny)
     keep = squared < (_OUTLIER_SIGMAS * sigma) ** 2
     e = view.residuals[keep]
-    return view.uv[keep], e / max(_rms(e) / np.sqrt(2), np.finfo(float).tiny)
+    return view.uv[keep], e / max(_rms_of_residuals(e) / np.sqrt(2), np.finfo(float).tiny)
 
 
 def _map_share(uv: Array, e: Array, image_size: tuple[int, int]) -> tuple[float, float]:

@@ -46,7 +46,7 @@ def matrix_from_euler(angles: ArrayLike, *, order: str, unit: AngleUnit) -> Arra
     Raises: InputError for an unknown order or unit, a wrong shape, values that are not finite.
     """
     axes, intrinsic = _parse_order(order)
-    radians = _radians(_finite(angles, "Euler angles", (3,)), unit)
+    radians = _radians(_finite_array(angles, "Euler angles", (3,)), unit)
     first, second, third = (_elementary(axis, radians[..., i]) for i, axis in enumerate(axes))
     return first @ second @ third if intrinsic else third @ second @ first
 
@@ -63,7 +63,7 @@ def euler_from_matrix(R: ArrayLike, *, order: str, unit: AngleUnit) -> Array:
     Raises: InputError for an unknown order or unit, or a matrix that is not a rotation.
     """
     axes, intrinsic = _parse_order(order)
-    m = _rotation(R)
+    m = _checked_rotation(R)
     # R = Rk(c) Rj(b) Ri(a) of an extrinsic order is the intrinsic order read backwards.
     radians = _intrinsic_angles(m, axes) if intrinsic else _intrinsic_angles(m, axes[::-1])[..., ::-1]
     return _from_radians(radians, unit)
@@ -85,11 +85,11 @@ def matrix_from_axis_angle(axis: ArrayLike, angle: ArrayLike, *, unit: AngleUnit
     Args: axis (..., 3), any length but 0; angle (...), in `unit`. Returns (..., 3, 3).
     Raises: InputError for an axis of length 0, values that are not finite.
     """
-    a = _finite(axis, "a rotation axis", (3,))
+    a = _finite_array(axis, "a rotation axis", (3,))
     length = np.linalg.norm(a, axis=-1, keepdims=True)
     if np.any(length < 1e-12):
         raise InputError("a rotation axis has length 0; it needs a direction, such as (0, 0, 1)")
-    theta = _radians(_finite(angle, "a rotation angle", ()), unit)
+    theta = _radians(_finite_array(angle, "a rotation angle", ()), unit)
     return so3.exp(a / length * theta[..., None])
 
 
@@ -98,7 +98,7 @@ def axis_angle_from_matrix(R: ArrayLike, *, unit: AngleUnit) -> tuple[Array, Arr
 
     Args: R (..., 3, 3). Raises: InputError for a matrix that is not a rotation.
     """
-    omega = so3.log(_rotation(R))
+    omega = so3.log(_checked_rotation(R))
     theta = np.linalg.norm(omega, axis=-1)
     still = theta == 0
     axis = np.where(still[..., None], [1.0, 0.0, 0.0], omega / np.where(still, 1.0, theta)[..., None])
@@ -110,12 +110,12 @@ def matrix_from_rotation_vector(vector: ArrayLike, *, unit: AngleUnit) -> Array:
 
     Args: vector (..., 3), in `unit`. Returns (..., 3, 3). Raises: InputError for a wrong shape or NaN.
     """
-    return so3.exp(_radians(_finite(vector, "a rotation vector", (3,)), unit))
+    return so3.exp(_radians(_finite_array(vector, "a rotation vector", (3,)), unit))
 
 
 def rotation_vector_from_matrix(R: ArrayLike, *, unit: AngleUnit) -> Array:
     """Rotation vector (..., 3), in `unit`, of length at most 180 degrees. Args: R (..., 3, 3)."""
-    return _from_radians(so3.log(_rotation(R)), unit)
+    return _from_radians(so3.log(_checked_rotation(R)), unit)
 
 
 def matrix_from_quaternion_wxyz(quaternion: ArrayLike) -> Array:
@@ -123,7 +123,7 @@ def matrix_from_quaternion_wxyz(quaternion: ArrayLike) -> Array:
 
     Raises: InputError for a norm of 0, values that are not finite, a wrong shape.
     """
-    return so3.from_quaternion_wxyz(_finite(quaternion, "a quaternion", (4,)))
+    return so3.from_quaternion_wxyz(_finite_array(quaternion, "a quaternion", (4,)))
 
 
 def matrix_from_quaternion_xyzw(quaternion: ArrayLike) -> Array:
@@ -136,22 +136,22 @@ def matrix_from_quaternion_xyzw(quaternion: ArrayLike) -> Array:
 
 def quaternion_wxyz_from_matrix(R: ArrayLike) -> Array:
     """Unit quaternion (w, x, y, z) with w >= 0: (..., 4). Args: R (..., 3, 3). Raises: InputError if not a rotation."""
-    return so3.quaternion_wxyz(_rotation(R))
+    return so3.quaternion_wxyz(_checked_rotation(R))
 
 
 def quaternion_xyzw_from_matrix(R: ArrayLike) -> Array:
     """Unit quaternion (x, y, z, w) with w >= 0: (..., 4). Args: R (..., 3, 3). Raises: InputError if not a rotation."""
-    return xyzw_from_wxyz(so3.quaternion_wxyz(_rotation(R)))
+    return xyzw_from_wxyz(so3.quaternion_wxyz(_checked_rotation(R)))
 
 
 def xyzw_from_wxyz(quaternion: ArrayLike) -> Array:
     """Reorder quaternions (..., 4) from (w, x, y, z) to (x, y, z, w)."""
-    return np.roll(_finite(quaternion, "a quaternion", (4,)), -1, axis=-1)
+    return np.roll(_finite_array(quaternion, "a quaternion", (4,)), -1, axis=-1)
 
 
 def wxyz_from_xyzw(quaternion: ArrayLike) -> Array:
     """Reorder quaternions (..., 4) from (x, y, z, w) to (w, x, y, z)."""
-    return np.roll(_finite(quaternion, "a quaternion", (4,)), 1, axis=-1)
+    return np.roll(_finite_array(quaternion, "a quaternion", (4,)), 1, axis=-1)
 
 
 def _intrinsic_angles(R: Array, axes: tuple[int, int, int]) -> Array:
@@ -212,7 +212,7 @@ def _check_unit(unit: str) -> str:
     return unit
 
 
-def _finite(values: ArrayLike, what: str, tail: tuple[int, ...]) -> Array:
+def _finite_array(values: ArrayLike, what: str, tail: tuple[int, ...]) -> Array:
     a = np.asarray(values, dtype=np.float64)
     if a.shape[a.ndim - len(tail) :] != tail:
         raise InputError(f"{what}: expected shape (..., {', '.join(map(str, tail))}), got {a.shape}")
@@ -221,9 +221,9 @@ def _finite(values: ArrayLike, what: str, tail: tuple[int, ...]) -> Array:
     return a
 
 
-def _rotation(R: ArrayLike) -> Array:
+def _checked_rotation(R: ArrayLike) -> Array:
     """R as floats, checked to be rotations and freed of the rounding of a file. Raises: InputError."""
-    m = _finite(R, "a rotation matrix", (3, 3))
+    m = _finite_array(R, "a rotation matrix", (3, 3))
     good = so3.is_rotation(m, tolerance=_NOT_A_ROTATION)
     if not np.all(good):
         bad = m[~good][0]

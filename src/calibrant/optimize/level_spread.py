@@ -45,10 +45,10 @@ def averaged(solution: Solution, M: Array, groups: Sequence[str]) -> Solution:
         step = np.sqrt(2 / max(float(m), LEAST_FREEDOM))
         for sign in (1.0, -1.0):
             moved = {g: solution.sigmas[g] / np.sqrt(1 + sign * step * part) for g, part in zip(groups, u)}
-            around.append((0.5, _at(solution, {**solution.sigmas, **moved})))
+            around.append((0.5, _solution_at(solution, {**solution.sigmas, **moved})))
     if not around:
         return solution
-    return replace(solution, around=((1.0 - 0.5 * len(around), _at(solution, dict(solution.sigmas))), *around))
+    return replace(solution, around=((1.0 - 0.5 * len(around), _solution_at(solution, dict(solution.sigmas))), *around))
 
 
 def level_deviations(M: Array) -> Array:
@@ -57,7 +57,7 @@ def level_deviations(M: Array) -> Array:
     return np.sqrt(0.5 * (vectors**2 @ (1 / np.maximum(values, 1e-12))))
 
 
-def _at(solution: Solution, levels: dict[str, float]) -> Solution:
+def _solution_at(solution: Solution, levels: dict[str, float]) -> Solution:
     """The same values under other noise levels."""
     equations = solution.problem.reweigh(solution.equations, solution.values, dict(solution.sigmas), levels)
     return replace(solution, sigmas=levels, equations=equations, around=())

@@ -56,7 +56,7 @@ def squared() -> Loss:
     return Loss()
 
 
-def _scaled(kind: int, k: float) -> Loss:
+def _scaled_loss(kind: int, k: float) -> Loss:
     if not (np.isfinite(k) and k > 0):
         raise InputError(f"a robust loss needs a scale above 0 (in sigmas), got {k}")
     return Loss(kind, float(k) ** 2)
@@ -64,14 +64,14 @@ def _scaled(kind: int, k: float) -> Loss:
 
 def huber(k: float) -> Loss:
     """Quadratic within k sigmas, linear beyond."""
-    return _scaled(HUBER, k)
+    return _scaled_loss(HUBER, k)
 
 
 def cauchy(k: float) -> Loss:
     """Logarithmic beyond k sigmas."""
-    return _scaled(CAUCHY, k)
+    return _scaled_loss(CAUCHY, k)
 
 
 def geman_mcclure(k: float, *, mu: float = 1.0) -> Loss:
     """Bounded: a gross error costs at most mu k^2 and pulls no more."""
-    return Loss(GEMAN_MCCLURE, _scaled(GEMAN_MCCLURE, k).scale_sq * mu)
+    return Loss(GEMAN_MCCLURE, _scaled_loss(GEMAN_MCCLURE, k).scale_sq * mu)

@@ -107,15 +107,15 @@ class DHChain(ParametricChain):
         theta = np.array([r.theta for r in self.rows]) + np.where(turns, values, 0.0)
         d = np.array([r.d for r in self.rows]) + np.where(turns, 0.0, values)
         alpha, a, beta = (np.array([getattr(r, s) for r in self.rows]) for s in ("alpha", "a", "beta"))
-        about_z = _turn(theta, 0, 1)
+        about_z = _elementary_turn(theta, 0, 1)
         about_z[..., 2, 3] = d
-        about_x = _turn(alpha, 1, 2)
+        about_x = _elementary_turn(alpha, 1, 2)
         about_x[:, 0, 3] = a
         shape = about_z.shape
-        return about_z, np.broadcast_to(about_x, shape), np.broadcast_to(_turn(beta, 2, 0), shape)
+        return about_z, np.broadcast_to(about_x, shape), np.broadcast_to(_elementary_turn(beta, 2, 0), shape)
 
 
-def _turn(angle: Array, i: int, j: int) -> Array:
+def _elementary_turn(angle: Array, i: int, j: int) -> Array:
     """Turns (..., 4, 4) in the plane of axes i and j, from i towards j."""
     T = np.zeros((*angle.shape, 4, 4))
     T[...] = np.eye(4)
@@ -124,7 +124,7 @@ def _turn(angle: Array, i: int, j: int) -> Array:
     return T
 
 
-def _stacked(twists: list[Array]) -> Array:
+def _stacked_twists(twists: list[Array]) -> Array:
     """Twists of a, alpha, d, theta, beta, each (..., n, 6), as (..., 5 n, 6), row by row."""
     out = np.stack(twists, axis=-2)
     return out.reshape(*out.shape[:-3], -1, 6)
@@ -148,7 +148,7 @@ class StandardDH(DHChain):
         x = (before @ self._screw(q)[0])[..., :3, 0]
         z, start, end = before[..., :3, 2], before[..., :3, 3], after[..., :3, 3]
         y = after[..., :3, 1]
-        return _stacked([sliding(x), turning(end, x), sliding(z), turning(start, z), turning(end, y)])
+        return _stacked_twists([sliding(x), turning(end, x), sliding(z), turning(start, z), turning(end, y)])
 
 
 @dataclass(frozen=True)
@@ -169,4 +169,4 @@ class ModifiedDH(DHChain):
         middle = before @ self._screw(q)[1]
         x, y, z = before[..., :3, 0], middle[..., :3, 1], after[..., :3, 2]
         start, corner, end = before[..., :3, 3], middle[..., :3, 3], after[..., :3, 3]
-        return _stacked([sliding(x), turning(start, x), sliding(z), turning(end, z), turning(corner, y)])
+        return _stacked_twists([sliding(x), turning(start, x), sliding(z), turning(end, z), turning(corner, y)])

@@ -54,7 +54,7 @@ def choose_views(
     kept_B: list[Array] = []
     for _ in range(20):  # an arm that reaches fewer than a twentieth of the views is in the wrong place
         B = look_at_board(camera, points, n, rng=rng, distance=distance, tilt_deg=tilt_deg)
-        q, reached = _reach(chain, gripper_poses(setup, X, Z, B), rng)
+        q, reached = _reachable(chain, gripper_poses(setup, X, Z, B), rng)
         kept_q += list(q[reached])
         kept_B += list(B[reached])
         if len(kept_q) >= n:
@@ -66,7 +66,9 @@ def choose_views(
     )
 
 
-def _reach(chain: KinematicChain, T_base_gripper: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
+def _reachable(
+    chain: KinematicChain, T_base_gripper: Array, rng: np.random.Generator
+) -> tuple[Array, NDArray[np.bool_]]:
     """Joint values (n, joints) of poses (n, 4, 4) and where there are some, from several random starts."""
     middle, half = 0.5 * (chain.lower + chain.upper), 0.5 * (chain.upper - chain.lower)
     spread = np.minimum(half, np.pi / 2)  # arms work around the middle of their range

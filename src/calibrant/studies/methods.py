@@ -160,7 +160,7 @@ def _judged(found: ClassicalCalibration, case: Case, milliseconds: float) -> Out
     rms = float(np.sqrt(np.mean(np.concatenate(squares))))
     focal = centre = rotation = position = None
     if case.camera is not None:
-        focal = 100 * (_focal(found.camera) / _focal(case.camera) - 1)
+        focal = 100 * (_mean_focal(found.camera) / _mean_focal(case.camera) - 1)
         if not np.array_equal(found.camera.K[:2, 2], case.centre):
             centre = float(np.linalg.norm(found.camera.K[:2, 2] - case.camera.K[:2, 2]))
     if case.T_camera_target is not None:
@@ -169,7 +169,7 @@ def _judged(found: ClassicalCalibration, case: Case, milliseconds: float) -> Out
     return Outcome(None, None, rms, focal, centre, rotation, position, milliseconds)
 
 
-def _focal(camera: Camera) -> float:
+def _mean_focal(camera: Camera) -> float:
     return float(np.sqrt(camera.parameters["fx"] * camera.parameters["fy"]))
 
 

@@ -25,7 +25,7 @@ def synthetic(conditions: Conditions, *, trials: int, step: Callable[[str], None
     """All methods on simulated views, and every condition under which they fail, `trials` scenes a value (0: none)."""
     compared: list[Compared] = []
     for case in (plane_case(conditions), solid_case(conditions)):
-        compared += _compared(case)
+        compared += _compared_methods(case)
     step("methods")
     sweeps = study_sweeps.SWEEPS if trials else ()
     swept = [_swept(one, conditions, trials, step) for one in sweeps]
@@ -40,7 +40,7 @@ def observed(found: Observations, *, name: str) -> Study:
     """All methods that take the target, on the views of a real camera."""
     case = study_methods.with_reference(observed_case(found))
     truth = OBSERVED_TRUTH if case.camera is not None else "No truth is known, and all views together have no solution."
-    return Study(f"{name}: {len(case.views)} views", truth, {}, tuple(_compared(case)), ())
+    return Study(f"{name}: {len(case.views)} views", truth, {}, tuple(_compared_methods(case)), ())
 
 
 def steps(trials: int) -> int:
@@ -48,7 +48,7 @@ def steps(trials: int) -> int:
     return 1 + (sum(len(s.values) for s in study_sweeps.SWEEPS) if trials else 0)
 
 
-def _compared(case: Case) -> list[Compared]:
+def _compared_methods(case: Case) -> list[Compared]:
     out = []
     for method in study_methods.fitting(case):
         outcomes = study_methods.runs(method, case, repeat=REPEAT)

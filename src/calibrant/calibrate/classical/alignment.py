@@ -59,7 +59,7 @@ def align_coplanar(xy: Array, image: Array, *, aspect: float, scale: Scale) -> A
     block = found.values[[0, 1, 3, 4]].reshape(2, 2)
     known = [0, 1, 3, 4]
     refuse_facing(*lean_of(block, found.covariance[np.ix_(known, known)]))
-    h = _scaled(found, M, scale, block_scale(block), _size_of_points(xy))
+    h = _scaled_solution(found, M, scale, block_scale(block), _size_of_points(xy))
     h = h * block_scale(h[[0, 1, 3, 4]].reshape(2, 2))
     h = h * agreeing_sign(xy @ h[:2] + h[2], xy @ h[3:5] + h[5], X, Y)
     return Alignment(rotation_of_block(h[[0, 1, 3, 4]].reshape(2, 2)), h[[2, 5]], aspect)
@@ -76,7 +76,7 @@ def align(points: Array, image: Array, *, scale: Scale) -> Alignment:
     X, Y = image[:, :1], image[:, 1:]
     M = np.hstack([points * Y, Y, -points * X, -X])
     found = _solved(M)
-    h = _scaled(found, M, scale, 1 / float(np.linalg.norm(found.values[4:7])), _size_of_points(points))
+    h = _scaled_solution(found, M, scale, 1 / float(np.linalg.norm(found.values[4:7])), _size_of_points(points))
     h = h / np.linalg.norm(h[4:7])
     s = float(np.linalg.norm(h[:3]))
     h[:4] /= s
@@ -126,7 +126,7 @@ def _solved(M: Array) -> NullVector:
     return found
 
 
-def _scaled(found: NullVector, M: Array, scale: Scale, length: float, size: float) -> Array:
+def _scaled_solution(found: NullVector, M: Array, scale: Scale, length: float, size: float) -> Array:
     """The unknowns with the one named by `scale` set to 1, by least squares in the others; refused where it is 0.
 
     length: metres of one unit of `found`; size: of the target, metres.

@@ -62,7 +62,7 @@ def dlt(points: ArrayLike, uv: ArrayLike) -> Array:
             "other (slide 34). Use points with depth; for a flat target Zhang's method with several views, or Tsai's "
             "for coplanar points with one",
         )
-    T, S = _similarity(p), _similarity(m)
+    T, S = _normalising(p), _normalising(m)
     q, n = _mapped(T, p), _mapped(S, m)
     zero = np.zeros_like(q)
     found = null_vector(np.concatenate([np.hstack([q, zero, -n[:, :1] * q]), np.hstack([zero, q, -n[:, 1:2] * q])]))
@@ -138,7 +138,7 @@ def _directions_known(found: NullVector) -> bool:
     return bool(np.all(np.linalg.norm(sigma, axis=1) < UNSURE * np.linalg.norm(rows, axis=1)))
 
 
-def _similarity(points: Array) -> Array:
+def _normalising(points: Array) -> Array:
     """Shift and scale (d + 1, d + 1) that bring points (n, d) to mean 0 and mean square radius d."""
     d = points.shape[1]
     centre = points.mean(axis=0)

@@ -97,7 +97,7 @@ def calibrate_fast_rac(
     alignment = _align(p[:, :2], image, axes, aspect=mu)
 
     def step_two(rows: Aligned) -> Depth:
-        return _depth(rows, alignment, axes.origin)
+        return _depth_of_rows(rows, alignment, axes.origin)
 
     return finished(
         alignment,
@@ -149,7 +149,7 @@ def _align(xy: Array, image: Array, axes: Axes, *, aspect: float) -> Alignment:
     return Alignment(rotation_of_block(sign * block), sign * t, aspect)
 
 
-def _depth(rows: Aligned, alignment: Alignment, origin: int) -> Depth:
+def _depth_of_rows(rows: Aligned, alignment: Alignment, origin: int) -> Depth:
     """Step two with t_z eliminated by the origin's own equation; see the module."""
     o = rows.image[origin]
     g, r0 = float(o @ alignment.t) / float(o @ o), float(o @ o)

@@ -189,10 +189,10 @@ def _from(
         raise RefusedError(f"{message}; check that both files show one motion")
     # What the robot's samples are off by is shared by the camera samples between two knots, and those some knots on.
     lags = int(np.ceil(6 * spline.spacing / np.median(np.diff(t_camera))))
-    return _answer(place, spline, factors, estimate, correlation, used, lags)
+    return _offset_answer(place, spline, factors, estimate, correlation, used, lags)
 
 
-def _answer(
+def _offset_answer(
     place: Setup, spline: PoseSpline, factors: tuple[_LoopFactor, ...], estimate: NoiseEstimate, correlation: float,
     used: NDArray[np.bool_], lags: int,
 ) -> TimeOffset:  # fmt: skip

@@ -56,7 +56,7 @@ def intrinsics_checks(
         _focal_length(camera),
         _reprojection(camera, rms_px),
         _outliers(views, marked),
-        _agreement(views),
+        _agreement_check(views),
     )
 
 
@@ -132,7 +132,7 @@ def _outliers(views: Sequence[ViewResult], marked: Marked) -> Check:
     return Check("outliers", "ok", text, share)
 
 
-def _agreement(views: Sequence[ViewResult]) -> Check:
+def _agreement_check(views: Sequence[ViewResult]) -> Check:
     rms = {v.id: v.rms_px for v in views if v.used and v.rms_px is not None}
     typical, worst = statistics.median(rms.values()), max(rms, key=rms.__getitem__)
     ratio = rms[worst] / typical if typical > 1e-9 else 1.0

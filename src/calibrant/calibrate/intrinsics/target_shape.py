@@ -164,7 +164,7 @@ def free_points(flat: Flat) -> Shaped:
     if solution.unobservable:
         raise RefusedError(f"the target's points are not determined: {solution.unobservable[0].message}")
     found = solution.value(POINTS)
-    scale, T_found_nominal = _similarity(nominal, found)
+    scale, T_found_nominal = _best_similarity(nominal, found)
     aligned = se3.apply(se3.inverse(T_found_nominal), found) / scale
     T = solution.value("T_camera_target") @ T_found_nominal
     T[:, :3, 3] /= scale
@@ -200,7 +200,7 @@ def _gauge(nominal: Array) -> list[Factor]:
     ]
 
 
-def _similarity(source: Array, target: Array) -> tuple[float, Array]:
+def _best_similarity(source: Array, target: Array) -> tuple[float, Array]:
     """s and T with s (R source + t) closest to target (Umeyama 1991): target ~ T applied to s * source."""
     a, b = source - source.mean(axis=0), target - target.mean(axis=0)
     R = so3.nearest(b.T @ a)

@@ -149,7 +149,7 @@ def calibrate_kinematics(
         used=used,
         before=model_errors(nominal, kept),
         after=model_errors(fit.model, kept),
-        held_out=_held_out(fit, kept, keep),
+        held_out=_held_out_errors(fit, kept, keep),
         outlier_sizes=sizes,
         free_model=chain is None,
         base_free="base" not in hold,
@@ -264,7 +264,7 @@ def _without_outliers(fit: _Fit, measurements: JointMeasurements) -> tuple[Mask,
     return used, np.sqrt(squares / dim)
 
 
-def _held_out(fit: _Fit, measurements: JointMeasurements, keep: Mask) -> ModelErrors | None:
+def _held_out_errors(fit: _Fit, measurements: JointMeasurements, keep: Mask) -> ModelErrors | None:
     """Errors on each fifth of the measurements of a model fitted to the others; None when these are too few."""
     n = len(measurements)
     fold = np.random.default_rng(0).permutation(n) % FOLDS

@@ -149,11 +149,11 @@ def _kinematic_checks(calibration: KinematicCalibration) -> tuple[Check, ...]:
         text = "too few measurements to keep some out of the fit: the error between them is not known"
         checks.append(Check("held-out", "warn", text))
     else:
-        checks.append(_held_out(calibration))
+        checks.append(_held_out_check(calibration))
     return tuple(checks)
 
 
-def _held_out(calibration: KinematicCalibration) -> Check:
+def _held_out_check(calibration: KinematicCalibration) -> Check:
     held, after, before = calibration.held_out, calibration.after, calibration.before
     if held is None:
         raise ValueError("asked for a check of a hold-out that was not made")

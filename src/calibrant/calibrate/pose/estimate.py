@@ -196,7 +196,7 @@ def _weakest(poses: Poses) -> Check:
     return Check(
         "weakest", "ok",
         f"the target's middle is known worst{where} {_side(w)}, (x, y, z) = {_vector(w.direction)}: {w.sigma_mm:.2g} "
-        f"mm (1 sigma); its rotation about {_vector(w.axis)}, {_turn(w)}: {w.sigma_deg:.2g} deg", w.sigma_mm,
+        f"mm (1 sigma); its rotation about {_vector(w.axis)}, {_turn_words(w)}: {w.sigma_deg:.2g} deg", w.sigma_mm,
     )  # fmt: skip
 
 
@@ -208,7 +208,7 @@ def _side(w: Weakest) -> str:
     )
 
 
-def _turn(w: Weakest) -> str:
+def _turn_words(w: Weakest) -> str:
     if w.axis_to_sight_deg > ACROSS_DEG:
         return "a tilt"
     return "a turn about the line of sight" if w.axis_to_sight_deg < ALONG_DEG else "part tilt, part turn"

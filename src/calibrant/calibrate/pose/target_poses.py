@@ -67,11 +67,11 @@ def target_poses(camera: Camera, views: Sequence[View], *, loss: Loss | None = N
     if not good.all():
         view = views[int(np.flatnonzero(~good)[0])]
         raise InputError(f"view {view.id!r}: its {len(view)} points determine no pose (fewer than 4, or on a line)")
-    first, first_covariance, first_rms = _refine(camera, stacked, start, loss, sigma)
+    first, first_covariance, first_rms = _refined_poses(camera, stacked, start, loss, sigma)
     mirrored = _mirrored(first, normal, stacked)
     hidden = _hidden(camera, mirrored, stacked)
     mirrored[hidden] = first[hidden]
-    second, second_covariance, second_rms = _refine(camera, stacked, mirrored, loss, sigma)
+    second, second_covariance, second_rms = _refined_poses(camera, stacked, mirrored, loss, sigma)
     swap = second_rms < first_rms
     pick = swap[:, None, None]
     return TargetPoses(
@@ -97,7 +97,7 @@ def _starts(views: StackedViews, rays: Array) -> tuple[Array, Array, NDArray[np.
     return T, np.array(normals), good
 
 
-def _refine(
+def _refined_poses(
     camera: Camera, views: StackedViews, start: Array, loss: Loss | None, sigma: float
 ) -> tuple[Array, Array, Array]:
     """Poses, covariances for noise `sigma` and rms of independent views."""

@@ -120,7 +120,7 @@ def report_of(pairs: PosePairs, *, frame: str = "gripper") -> MotionReport:
     undetermined = any(f.status == "fail" for f in axes)
     predicted = float("inf") if undetermined else float(np.rad2deg(sigma * spectrum.dilution))
     # Motions that are noise, or so few that chance agrees or not, say nothing about the pairing.
-    agreement = () if undetermined or distinct < FEW_POSES else _agreement(pairs)
+    agreement = () if undetermined or distinct < FEW_POSES else _agreement_findings(pairs)
     return MotionReport((poses, *axes, *agreement), distinct, float(np.rad2deg(sigma)), predicted)
 
 
@@ -256,7 +256,7 @@ def _dilution_findings(
 
 
 @lru_cache(maxsize=4)
-def _agreement(pairs: PosePairs) -> tuple[MotionFinding, ...]:
+def _agreement_findings(pairs: PosePairs) -> tuple[MotionFinding, ...]:
     """Congruence of screws, whatever X is: A_ij and B_ij turn by the same angle and advance as far along their axis."""
     m = pairs.motions
     angle_a, angle_b = np.linalg.norm(m.alpha, axis=1), np.linalg.norm(m.beta, axis=1)

@@ -82,7 +82,7 @@ def radial_start(xy: Array, uv: Array, offsets: Indices, image_size: tuple[int, 
     size = float(np.sqrt(np.mean(np.sum(local**2, axis=1))))
     local = local / size
     m = (uv - centre) / unit
-    r1, r2, t = _aligned(local, m, offsets, edge)
+    r1, r2, t = _radially_aligned(local, m, offsets, edge)
     profile, forward, depth = _profile(local, m, r1, r2, t, offsets, edge)
     r1 = np.concatenate([r1[:, :2], forward[:, None] * r1[:, 2:]], axis=1)
     r2 = np.concatenate([r2[:, :2], forward[:, None] * r2[:, 2:]], axis=1)
@@ -101,7 +101,7 @@ def _means(rows: Array, offsets: Indices) -> Array:
     return np.add.reduceat(rows, offsets[:-1], axis=0) / np.diff(offsets)[:, None]
 
 
-def _aligned(xy: Array, m: Array, offsets: Indices, edge: Indices) -> tuple[Array, Array, Array]:
+def _radially_aligned(xy: Array, m: Array, offsets: Indices, edge: Indices) -> tuple[Array, Array, Array]:
     """r1, r2 (n, 3) and t_x, t_y (n, 2) of every view by radial alignment; the third components up to a common sign."""
     X, Y, u, v = xy[:, 0], xy[:, 1], m[:, 0], m[:, 1]
     rows = np.stack([-v * X, -v * Y, -v, u * X, u * Y, u], axis=1)

@@ -201,11 +201,11 @@ def three_point_poses(points: Array, rays: Array) -> list[Array]:
         u = ((q - 1) * v * v - 2 * q * beta * v + 1 + q) / (2 * below)
         if u > 0:
             s = np.sqrt(b2 / square) * np.array([1.0, u, v])
-            poses.append(_aligned(points, s[:, None] * rays))
+            poses.append(_aligned_points(points, s[:, None] * rays))
     return poses
 
 
-def _aligned(points: Array, seen: Array) -> Array:
+def _aligned_points(points: Array, seen: Array) -> Array:
     """The transform that brings points (n, 3) nearest to where they are seen (n, 3) (Kabsch 1976)."""
     middle, place = points.mean(axis=0), seen.mean(axis=0)
     R = so3.nearest((seen - place).T @ (points - middle))

@@ -177,7 +177,7 @@ def _planar(q: Array, g: Array) -> Array:
     """phi, x, y and the misfits (2m,) of the features on the plane, metres."""
     centred = g[:, :2] - g[:, :2].mean(axis=0)
     phi = np.arctan2(np.sum(centred[:, 0] * q[:, 1] - centred[:, 1] * q[:, 0]), np.sum(centred * q))
-    R = _turn(float(phi))
+    R = _plane_turn(float(phi))
     position = q.mean(axis=0) - R @ g[:, :2].mean(axis=0)
     return np.concatenate([[phi], position, (g[:, :2] @ R.T + position - q).ravel()])
 
@@ -188,13 +188,13 @@ def _planar_derivative(found: Array, q: Array, g: Array, dq: Array) -> Array:
     cross, dot = np.sum(centred[:, 0] * q[:, 1] - centred[:, 1] * q[:, 0]), np.sum(centred * q)
     d_cross = np.einsum("m,mi->i", centred[:, 0], dq[:, 1]) - np.einsum("m,mi->i", centred[:, 1], dq[:, 0])
     d_phi = (dot * d_cross - cross * np.einsum("ma,mai->i", centred, dq)) / (cross**2 + dot**2)
-    turned = g[:, :2] @ _turn(float(found[0]) + np.pi / 2).T  # d R / d phi is R a quarter turn on
+    turned = g[:, :2] @ _plane_turn(float(found[0]) + np.pi / 2).T  # d R / d phi is R a quarter turn on
     d_position = dq.mean(axis=0) - turned.mean(axis=0)[:, None] * d_phi
     misfit = turned[:, :, None] * d_phi + d_position - dq
     return np.concatenate([d_phi[None], d_position, misfit.reshape(-1, len(d_phi))])
 
 
-def _turn(angle: float) -> Array:
+def _plane_turn(angle: float) -> Array:
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 

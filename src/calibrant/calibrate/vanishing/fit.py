@@ -164,7 +164,7 @@ def _damped_step(circles: Circles, state: _State, sigma_px: float, focal: str) -
 
 
 def _solve_lines(factor: LineFactor, state: _State, focal: str) -> Solution:
-    variables = (_rotation(state.R_camera_scene), _focal(state.focal, focal))
+    variables = (_rotation_variable(state.R_camera_scene), _focal_variable(state.focal, focal))
     factors: tuple[Factor, ...] = (factor,)
     if focal == "unknown":
         width = np.array([[1 / FOCAL_WIDTH]])
@@ -182,11 +182,11 @@ def _members(circles: Circles, state: _State, sigma_px: float) -> Indices:
     return np.where(np.sum(z <= GATE, axis=1) == 1, np.argmin(z, axis=1), NO_DIRECTION)
 
 
-def _rotation(R: Array) -> Variable:
+def _rotation_variable(R: Array) -> Variable:
     return Variable("R_camera_scene", SO3(), R[None], words="the camera's rotation")
 
 
-def _focal(s: float, focal: str) -> Variable:
+def _focal_variable(s: float, focal: str) -> Variable:
     name = "log focal length"
     return vector("log_focal", [np.log(s)], [name], held=[name] if focal == "known" else [])
 
@@ -240,13 +240,13 @@ def camera_share(
         if h > 0:
             step = np.zeros(len(values))
             step[j] = h
-            moved = [_aligned(refit(values + k * step).normals, circles.normals)[used] for k in (1, -1)]
+            moved = [_signed_like(refit(values + k * step).normals, circles.normals)[used] for k in (1, -1)]
             D[:, j] = -J.T @ (np.sum((moved[0] - moved[1]) * d, axis=1) / (2 * h * sigma))
     slope = np.linalg.solve(J.T @ J, D)
     return np.asarray(slope @ covariance @ slope.T, dtype=np.float64)
 
 
-def _aligned(normals: Array, like: Array) -> Array:
+def _signed_like(normals: Array, like: Array) -> Array:
     """Normals with the signs of others: a plane has two."""
     return normals * np.where(np.sum(normals * like, axis=1) < 0, -1.0, 1.0)[:, None]
 

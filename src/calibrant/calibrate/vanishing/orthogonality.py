@@ -68,7 +68,7 @@ def right_angles(
 
 def _circle_angles(fit: Fit, circles: Circles, pairs: list[tuple[int, int]]) -> tuple[Array, Array]:
     """Angle less 90 degrees of each pair, and its variance: two (p,), radians."""
-    found = {k: _direction(fit, circles, k) for k in {k for pair in pairs for k in pair}}
+    found = {k: _circle_direction(fit, circles, k) for k in {k for pair in pairs for k in pair}}
     off, variance = np.zeros(len(pairs)), np.zeros(len(pairs))
     for i, (a, b) in enumerate(pairs):
         (da, Ca), (db, Cb) = found[a], found[b]
@@ -77,7 +77,7 @@ def _circle_angles(fit: Fit, circles: Circles, pairs: list[tuple[int, int]]) -> 
     return off, variance
 
 
-def _direction(fit: Fit, circles: Circles, k: int) -> tuple[Array, Array]:
+def _circle_direction(fit: Fit, circles: Circles, k: int) -> tuple[Array, Array]:
     """A direction (3,) from its own edges, its sign that of the fit, and its covariance (3, 3)."""
     mine = fit.member == k
     d = fit.R_camera_scene[:, k]

@@ -31,7 +31,13 @@ def vanishing_result(found: Manhattan) -> CalibrationResult:
     """
     covariance = np.zeros((6, 6))
     covariance[:3, :3] = found.covariance
-    checks = (*_directions(found), *_angle_checks(found), _edges(found), _focal(found), _vanishing_camera_check(found))
+    checks = (
+        *_directions(found),
+        *_angle_checks(found),
+        _edges(found),
+        _focal_check(found),
+        _camera_check(found),
+    )
     return stamp(
         CalibrationResult(
             kind="vanishing",
@@ -97,7 +103,7 @@ def _edges(found: Manhattan) -> Check:
     return Check("edges", "ok", text, float(used))
 
 
-def _focal(found: Manhattan) -> Check:
+def _focal_check(found: Manhattan) -> Check:
     if found.sigma_focal is None:
         return Check("focal-length", "ok", "taken from the camera")
     f = found.camera.parameters["fx"]
@@ -111,7 +117,7 @@ def _focal(found: Manhattan) -> Check:
     return Check("focal-length", "ok", text, f)
 
 
-def _vanishing_camera_check(found: Manhattan) -> Check:
+def _camera_check(found: Manhattan) -> Check:
     if found.sigma_focal is not None:
         return Check("camera", "ok", "its uncertainty is that of the focal length")
     if found.of_camera is None:

@@ -53,7 +53,7 @@ class BoardMap:
 
     def pixels(self, steps: Array) -> Array:
         """Pixels (..., 2) of places (..., 2) on the board."""
-        w = _scaled(self.H, steps, self.middle, self.half_px)
+        w = _scaled_homography(self.H, steps, self.middle, self.half_px)
         return self.middle + self.half_px * (_monomials(w, self.powers) @ self.coefficients)
 
 
@@ -65,7 +65,7 @@ def fit_board_map(H: Array, steps: Array, uv: Array, weight: Array, degrees: ran
     """
     middle = 0.5 * (uv.min(axis=0) + uv.max(axis=0))
     half = 0.5 * float(np.ptp(uv, axis=0).max())
-    scaled = _scaled(H, steps, middle, half)
+    scaled = _scaled_homography(H, steps, middle, half)
     b = (uv - middle) / half
     candidates: list[BoardMap] = []
     for degree in degrees:
@@ -121,7 +121,7 @@ def _shifts(board: BoardMap, steps: Array, shape: Array) -> Array:
     return np.asarray(np.linalg.solve(weighted @ rows, right)[:, :2, 0])
 
 
-def _scaled(H: Array, steps: Array, middle: Array, half: float) -> Array:
+def _scaled_homography(H: Array, steps: Array, middle: Array, half: float) -> Array:
     q = np.concatenate([steps, np.ones((*steps.shape[:-1], 1))], axis=-1) @ H.T
     return (q[..., :2] / q[..., 2:] - middle) / half
 

@@ -78,10 +78,10 @@ def load_grey(path: str | Path) -> NDArray[np.uint8]:
     if frame is not None:
         return to_grey8(read_frame(*frame))
     data = _bytes_of(path)
-    image = _decoded(path, data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
+    image = _decoded_image(path, data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
     if image is None:
         # Colour in floating point, for one, has no grey form in the decoder.
-        image = _decoded(path, data, cv2.IMREAD_UNCHANGED)
+        image = _decoded_image(path, data, cv2.IMREAD_UNCHANGED)
     return to_grey8(_upright(path, data, image))
 
 
@@ -95,7 +95,7 @@ def load_image(path: str | Path) -> NDArray[Any]:
     if frame is not None:
         return read_frame(*frame)
     data = _bytes_of(path)
-    return _upright(path, data, _decoded(path, data, cv2.IMREAD_UNCHANGED))
+    return _upright(path, data, _decoded_image(path, data, cv2.IMREAD_UNCHANGED))
 
 
 def orientation_of(path: str | Path) -> int:
@@ -127,7 +127,7 @@ def _bytes_of(path: Path) -> bytes:
     return data
 
 
-def _decoded(path: Path, data: bytes, flags: int) -> NDArray[Any] | None:
+def _decoded_image(path: Path, data: bytes, flags: int) -> NDArray[Any] | None:
     """The pixels, or None where the decoder has no such form. Raises: InputError for what it cannot read at all."""
     if data[:4] == _SUN_RASTER:
         # OpenCV 4.13 and before give a grey raster without a palette as all black, except in colour.

@@ -90,7 +90,7 @@ def decide(
     rivals = [a for a in wanted if len(a.notation.contradicts) <= len(chosen.notation.contradicts)]
     confidence = _confidence(chosen, rivals)
     findings += _mismatch(chosen, ranked, setup)
-    findings += _direction(chosen, ranked)
+    findings += _direction_checks(chosen, ranked)
     if chosen.score > CONSISTENT:
         message = (
             "robot and camera do not fit together, however the file of poses is read (units, rotation, direction): at "
@@ -198,7 +198,7 @@ def _mismatch(chosen: Alternative, ranked: Sequence[Alternative], setup: str) ->
     if given is None or other is None or not _clearly_better(other, given):
         return []
     if chosen.notation.direction == "gripper-base" and chosen.plausible and not other.plausible:
-        return []  # the setup is right and the poses are inverted: said by _direction
+        return []  # the setup is right and the poses are inverted: said by _direction_checks
     message = (
         f"the data do not fit {setup}: its loop leaves {given.loop_text}, that of {other.setup} {other.loop_text}; use "
         f"--setup {other.setup}"
@@ -208,7 +208,7 @@ def _mismatch(chosen: Alternative, ranked: Sequence[Alternative], setup: str) ->
     return [Check("setup-mismatch", "fail", message, given.loop_rms_mm / max(other.loop_rms_mm, FLOOR_MM))]
 
 
-def _direction(chosen: Alternative, ranked: Sequence[Alternative]) -> list[Check]:
+def _direction_checks(chosen: Alternative, ranked: Sequence[Alternative]) -> list[Check]:
     """The finding that the poses are the other way than documented, where neither file nor user said so."""
     if chosen.notation.direction == "base-gripper" or chosen.score > CONSISTENT:
         return []

@@ -95,7 +95,7 @@ def candidates(
         B, visible = B[seen], visible[seen]
         A = Z @ se3.inverse(B) @ se3.inverse(X)
         robot = se3.inverse(A) if setup.robot_inverted else A
-        q, reached = _reach(chain, robot, rng)
+        q, reached = _reached(chain, robot, rng)
         clear = reached.copy()
         if geometry is not None and reached.any():
             clear[reached] = geometry.clear(chain, q[reached])
@@ -144,7 +144,7 @@ def in_view(camera: Camera, points: Array, T_camera_target: Array) -> NDArray[np
     return np.asarray(inside & camera.model.valid(camera.values, p.reshape(-1, 3)).reshape(inside.shape))
 
 
-def _reach(chain: KinematicChain, T_base_gripper: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
+def _reached(chain: KinematicChain, T_base_gripper: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
     """Joint values (n, joints) within the limits, and where there are some."""
     middle, half = 0.5 * (chain.lower + chain.upper), 0.5 * (chain.upper - chain.lower)
     spread = np.minimum(half, np.pi / 2)  # arms work around the middle of their range

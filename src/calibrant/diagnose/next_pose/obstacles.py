@@ -123,7 +123,7 @@ def _list(data: Mapping[str, Any], key: str, path: Path) -> Sequence[Any]:
     return value
 
 
-def _fields(entry: object, where: str, names: tuple[str, str]) -> tuple[Any, Any]:
+def _two_fields(entry: object, where: str, names: tuple[str, str]) -> tuple[Any, Any]:
     if not isinstance(entry, Mapping) or set(entry) != set(names):
         raise InputError(f"{where}: expected the keys {names[0]} and {names[1]}")
     return entry[names[0]], entry[names[1]]
@@ -137,7 +137,7 @@ def _point(value: object, where: str) -> tuple[float, float, float]:
 
 
 def _box(entry: object, where: str) -> Box:
-    low, high = _fields(entry, where, ("from", "to"))
+    low, high = _two_fields(entry, where, ("from", "to"))
     lower, upper = _point(low, f"{where}.from"), _point(high, f"{where}.to")
     if any(a > b for a, b in zip(lower, upper)):
         raise InputError(f"{where}: 'from' is the corner with the smaller x, y and z")
@@ -145,5 +145,5 @@ def _box(entry: object, where: str) -> Box:
 
 
 def _sphere(entry: object, where: str) -> Sphere:
-    centre, radius = _fields(entry, where, ("centre", "radius"))
+    centre, radius = _two_fields(entry, where, ("centre", "radius"))
     return Sphere(_point(centre, f"{where}.centre"), parse_length(str(radius), what=f"{where}.radius"))

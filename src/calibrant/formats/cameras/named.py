@@ -19,18 +19,18 @@ from calibrant.formats.cameras.camera_format import (
 _FOCAL = ("fx", "fy", "cx", "cy")
 
 
-def _fields(data: Mapping[str, Any]) -> Mapping[str, Any]:
+def _named_fields(data: Mapping[str, Any]) -> Mapping[str, Any]:
     inner = data.get("intrinsics")
     return inner if isinstance(inner, Mapping) else data
 
 
 def _is_named(data: Mapping[str, Any]) -> bool:
-    fields = _fields(data)
+    fields = _named_fields(data)
     return all(key in fields for key in _FOCAL)
 
 
 def _named_camera(data: Mapping[str, Any], image_size: Size | None) -> Camera:
-    fields = {**data, **_fields(data)}
+    fields = {**data, **_named_fields(data)}
     parameters = {key: single(fields, key) for key in (*_FOCAL, "skew", *TERMS) if key in fields}
     width, height = (fields.get(key, fields.get(f"image_{key}")) for key in ("width", "height"))
     found = whole_size(width, height) if width and height else None

@@ -91,7 +91,7 @@ def _table_of(
     read_reference: Callable[[str], PoseTable],
 ) -> PoseTable:
     """A table from entries that all have the same fields."""
-    fields = [_fields(entry, where, read_reference) for entry, where in zip(entries, places)]
+    fields = [_pose_fields(entry, where, read_reference) for entry, where in zip(entries, places)]
     first, found = fields[0]
     header = tuple(first)
     rows = tuple(entry_of(entry, header, where) for (entry, _), where in zip(fields, places))
@@ -121,7 +121,11 @@ def _entries(data: Any, source: str) -> tuple[list[Any], tuple[str, ...] | None,
             chosen = lists if len(lists) == 1 else inner if len(inner) == 1 else []
             if chosen and not (len(data) == 1 and _looks_like_pose(chosen[0][1])):
                 entries, names, stated = _entries(chosen[0][1], source)
-                return entries, names, stated if stated.direction else Stated(direction=_direction(_key(chosen[0][0])))
+                return (
+                    entries,
+                    names,
+                    stated if stated.direction else Stated(direction=_stated_direction(_key(chosen[0][0]))),
+                )
         numbered = _numbered(data)
         if numbered is not None:
             return list(numbered), None, NOTHING_STATED
@@ -144,7 +148,7 @@ def _looks_like_pose(value: Any) -> bool:
             len(value) in (6, 7, 12, 16) and not any(isinstance(v, Mapping | list) for v in value)
         )
     try:
-        fields, _ = _fields(value, "", _no_reference)
+        fields, _ = _pose_fields(value, "", _no_reference)
     except InputError:
         return False
     return is_header(tuple(fields))
@@ -210,7 +214,7 @@ def _solved_beside(entry: Mapping[Any, Any], keys: Mapping[str, Any]) -> tuple[A
     return None
 
 
-def _fields(entry: Any, where: str, read_reference: Callable[[str], PoseTable]) -> tuple[Fields, Stated]:
+def _pose_fields(entry: Any, where: str, read_reference: Callable[[str], PoseTable]) -> tuple[Fields, Stated]:
     """One pose as named numbers, and what its keys state."""
     if isinstance(entry, str):
         table = read_reference(entry)
@@ -236,9 +240,9 @@ def _fields(entry: Any, where: str, read_reference: Callable[[str], PoseTable]) 
 def _field(key: str, value: Any, where: str, read_reference: Callable[[str], PoseTable]) -> tuple[Fields, Stated]:
     """The named numbers in one field."""
     short = _key(key)
-    direction = Stated(direction=_direction(short))
+    direction = Stated(direction=_stated_direction(short))
     if isinstance(value, Mapping):
-        inner, stated = _fields(value, f"{where}.{key}", read_reference)
+        inner, stated = _pose_fields(value, f"{where}.{key}", read_reference)
         prefix = "" if set(inner) & set(MATRIX_NAMES) else f"{key}."
         known = {f"{prefix}{name}": cell for name, cell in inner.items()}
         # A wrapper such as "pose" or "transform" adds nothing to names that are complete without it.
@@ -266,7 +270,7 @@ def _field(key: str, value: Any, where: str, read_reference: Callable[[str], Pos
         return {}, NOTHING_STATED
     if isinstance(value, str) and short == "pose":
         if PurePath(value).suffix:
-            return _fields(value, where, read_reference)
+            return _pose_fields(value, where, read_reference)
         return {"name": value}, NOTHING_STATED
     return {key: value}, NOTHING_STATED
 
@@ -302,7 +306,7 @@ def _listed_numbers(values: list[Any], where: str) -> tuple[Fields, Stated]:
     return dict(zip(named[0], flat)), named[1]
 
 
-def _direction(key: str) -> str | None:
+def _stated_direction(key: str) -> str | None:
     if _STATES_BASE_GRIPPER.match(key):
         return "base-gripper"
     return "gripper-base" if _STATES_GRIPPER_BASE.match(key) else None

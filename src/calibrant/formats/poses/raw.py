@@ -74,7 +74,7 @@ class RawPoses:
             raise ValueError(
                 f"{len(self.places)} places, {len(self.translation)} poses, {len(self.rotation)} rotations"
             )
-        for i in np.flatnonzero(~(_finite(self.translation) & _finite(self.rotation))):
+        for i in np.flatnonzero(~(_finite_rows(self.translation) & _finite_rows(self.rotation))):
             raise InputError(
                 f"{self.places[i]}: NaN or infinity; a pose needs finite numbers: correct the line or remove it"
             )
@@ -85,7 +85,7 @@ class RawPoses:
         return len(self.translation)
 
 
-def _finite(rows: Array) -> NDArray[np.bool_]:
+def _finite_rows(rows: Array) -> NDArray[np.bool_]:
     return np.asarray(np.isfinite(rows.reshape(len(rows), -1)).all(axis=1))
 
 

@@ -162,7 +162,7 @@ def _one_table(files: list[Path], tables: list[PoseTable]) -> PoseTable:
 def _parse(path: Path, fmt: RobotFormat | None = None) -> Parsed:
     if path.suffix.lower() in ARRAYS:
         return _read_data(read_arrays(path), path)
-    text = _decoded(path)
+    text = _decoded_text(path)
     if not text.strip():
         raise InputError(f"{path}: no poses: the file is empty")
     native = None if fmt is None else controller_text(text, str(path), fmt)
@@ -186,7 +186,7 @@ def _parse(path: Path, fmt: RobotFormat | None = None) -> Parsed:
     return parsed if printed is None else (printed, None)
 
 
-def _decoded(path: Path) -> str:
+def _decoded_text(path: Path) -> str:
     try:
         raw = path.read_bytes()
     except OSError as error:

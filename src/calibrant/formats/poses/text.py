@@ -54,7 +54,7 @@ def read_text_table(text: str, source: str) -> PoseTable:
         named = _cells(comments[-1][1].lstrip("#%/ \t"), separator)
         header = named if len(named) == len(lines[0][1]) and is_header(named) else None
     if header is None and len(lines[0][1]) == 4 and len(lines) % 4 == 0 and _numbers_only(lines):
-        return _stacked(lines, source)
+        return _stacked_matrices(lines, source)
     first = len(header) if header is not None else len(lines[0][1])
     lines = [(i, _trimmed(cells, first)) for i, cells in lines]
     _refuse_ragged(lines, first, "the header" if header is not None else f"line {lines[0][0]}", source)
@@ -98,7 +98,7 @@ def _without_header(lines: Sequence[Line], places: tuple[str, ...], source: str)
     return PoseTable(header, tuple(rows), places, source, names=names, stated=stated, notes=notes)
 
 
-def _stacked(lines: Sequence[Line], source: str) -> PoseTable:
+def _stacked_matrices(lines: Sequence[Line], source: str) -> PoseTable:
     """4x4 matrices one under the other."""
     matrices = [[cell for _, cells in lines[k : k + 4] for cell in cells] for k in range(0, len(lines), 4)]
     for i, cells in lines:

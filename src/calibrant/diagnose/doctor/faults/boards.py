@@ -64,13 +64,13 @@ def examine(case: Case) -> list[Finding]:
         return []
     found = []
     for symmetry in symmetries(case.points):
-        turned = [(int(k), F, p) for k in out for F, p in [_turned(case, int(k), symmetry)] if p > PLAUSIBLE]
+        turned = [(int(k), F, p) for k in out for F, p in [_turn_of_view(case, int(k), symmetry)] if p > PLAUSIBLE]
         if turned:
             found.append(_boards_finding(case, symmetry, turned))
     return found
 
 
-def _turned(case: Case, k: int, symmetry: Symmetry) -> tuple[Array, float]:
+def _turn_of_view(case: Case, k: int, symmetry: Symmetry) -> tuple[Array, float]:
     """F of view k, and the chance that a right view fits worse than it does then."""
     fit, freedom = case.robust.fit, noise_freedom(case.robust.fit)
     sigma = fit.sigmas[k]

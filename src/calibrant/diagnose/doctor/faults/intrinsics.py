@@ -40,12 +40,12 @@ def examine(case: Case) -> list[Finding]:
     model = "brown" if case.camera.model.name == "pinhole" else case.camera.model.name
     try:
         fresh = calibrate_intrinsics(replace(case.observations, views=tuple(views)), model=model).camera
-        return _compared(case, views, case.camera, fresh)
+        return _compared_cameras(case, views, case.camera, fresh)
     except (RefusedError, InputError):
         return []  # images that cannot calibrate a camera say nothing against the given one
 
 
-def _compared(case: Case, views: list[View], given: Camera, fresh: Camera) -> list[Finding]:
+def _compared_cameras(case: Case, views: list[View], given: Camera, fresh: Camera) -> list[Finding]:
     from calibrant.calibrate.pose.target_poses import target_poses
 
     repaired = _with_camera(case, fresh)

@@ -87,7 +87,7 @@ def _splits(case: Case, what: What) -> list[_Split]:
         values |= _split_misfits(d, near)
     least = float(log_misfit(d - np.median(d, axis=0)).sum()) - PROMISING * n
     likely = sorted((k for k in values if values[k] < least), key=lambda k: values[k])[:TRIED]
-    return [s for k in likely if (s := _fitted(case, what, k)) is not None]
+    return [s for k in likely if (s := _fitted_split(case, what, k)) is not None]
 
 
 def _split_misfits(d: Array, places: range) -> dict[int, float]:
@@ -123,7 +123,7 @@ def _medians(d: Array, places: NDArray[np.intp]) -> tuple[Array, Array]:
     return halves[0], halves[1]
 
 
-def _fitted(case: Case, what: What, first: int) -> _Split | None:
+def _fitted_split(case: Case, what: What, first: int) -> _Split | None:
     """Two places fitted, without the views that fit neither."""
     n, robust = len(case.index), case.robust
     part = (np.arange(n) >= first).astype(np.intp)

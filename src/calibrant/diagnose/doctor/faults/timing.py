@@ -93,7 +93,7 @@ def examine(case: Case) -> list[Finding]:
 def _motion(case: Case) -> Array:
     """(m, 6) change of the loop a second that the robot's motion makes."""
     step = 1e-4
-    moved = case.setup.normal_form(_at(case, step)[case.index])
+    moved = case.setup.normal_form(_poses_at(case, step)[case.index])
     Z = case.A @ case.robust.X @ case.B
     return se3.local(Z, moved @ case.robust.X @ case.B) / step
 
@@ -109,7 +109,7 @@ def _delay(fit: LoopFit, motion: Array) -> tuple[float, float]:
     return float(solution[-1]), float(np.sqrt(variance * np.linalg.pinv(J.T @ J)[-1, -1]))
 
 
-def _at(case: Case, seconds: float) -> Array:
+def _poses_at(case: Case, seconds: float) -> Array:
     """T_base_gripper (n, 4, 4) at times + seconds, along the screw between neighbours in time."""
     T, t = case.data.T_base_gripper, case.times
     last = len(T) - 1
@@ -121,4 +121,4 @@ def _at(case: Case, seconds: float) -> Array:
 
 def _later(case: Case, seconds: float) -> Case:
     """The robot poses as they were `seconds` later."""
-    return replace(case, data=replace(case.data, T_base_gripper=_at(case, seconds)))
+    return replace(case, data=replace(case.data, T_base_gripper=_poses_at(case, seconds)))

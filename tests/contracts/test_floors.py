@@ -68,7 +68,6 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 
 BELOW_THE_SKIN = pytest.mark.xfail(reason="this work still uses the command line's session, to be handed a listener")
 OWED = {
-    *("tasks/cameras/undistort.py",),
     *("tasks/robots/kinematics.py", "tasks/robots/next_pose.py"),
     *("cli/capture.py", "cli/options.py", "cli/session.py"),
 }

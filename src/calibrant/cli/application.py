@@ -22,8 +22,6 @@ LEGACY = {
     "capture": "Take views from a running camera until it is known.",
     "kinematics": "Identify and correct a robot's geometry.",
     "next-pose": "Say which poses to take next, or from the start.",
-    "undistort": "Undistort photos.",
-    "study": "Compare methods, and see when each fails.",
 }
 """Commands that are no tasks yet; each leaves this list when it becomes one."""
 ORDER = (

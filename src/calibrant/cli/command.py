@@ -66,7 +66,9 @@ def parse(command: Command, arguments: Sequence[str]) -> Call:
         raise UsageError(_misuse(error, command)) from None
     request = build(command.task.Request, values)
     places = places_of(command.fields, values, getattr(command.task, "BESIDE", None))
-    return Call(request, build(OutputOptions, values), places)
+    # A task's own --out, a page or a folder, is no place for its result.
+    skins = {field.name: values[field.name] for field in output_fields(command.entry) if field.name in values}
+    return Call(request, build(OutputOptions, skins), places)
 
 
 def _app_of(command: Command) -> App:

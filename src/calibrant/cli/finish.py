@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from calibrant.data import CalibrationResult
     from calibrant.diagnose.look import Look
 
+_PICTURES = (".png", ".jpg", ".jpeg", ".jpe", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm", ".exr", ".hdr")
 _LISTED = 3
 """Files of one folder that are named; of more, their number."""
 
@@ -30,10 +31,8 @@ def finish(outcome: Outcome, call: Call) -> None:
     # One look serves page and terminal: what both show is computed once.
     seen = _seen(outcome.result) if shown and outcome.result is not None else None
     written = write_documents(_documents(outcome, call, seen), force=outputs.force)
-    if outputs.json and outcome.result is not None:
-        from calibrant.data.result_file import result_text
-
-        sys.stdout.write(result_text(outcome.result) + "\n")
+    if outputs.json:
+        sys.stdout.write(_answer_text(outcome))
     elif not outputs.silent:
         _show(outcome, seen)
         if written:
@@ -57,14 +56,14 @@ def explained(error: RefusedError, call: Call) -> RefusedError:
 
 def _documents(outcome: Outcome, call: Call, seen: Look | None) -> Iterator[Document]:
     """Every file of a command: the result, what stands beside it, what was asked for, and the report."""
-    outputs, result = call.outputs, outcome.result
-    if outputs.out is not None and result is not None:
-        yield Document(outputs.out, partial(_result_bytes, result))
+    outputs = call.outputs
+    if outputs.out is not None:
+        yield Document(outputs.out, partial(_answer_bytes, outcome))
         for document in outcome.beside:
             yield replace(document, path=beside_of(outputs.out, document.path.name, force=outputs.force))
     yield from outcome.documents
-    if outputs.report is not None and seen is not None:
-        yield Document(outputs.report, _page_maker(outcome, seen))
+    if outputs.report is not None:
+        yield Document(outputs.report, partial(_page_bytes, outcome, seen))
 
 
 def _seen(result: CalibrationResult) -> Look:
@@ -73,18 +72,26 @@ def _seen(result: CalibrationResult) -> Look:
     return look(result)
 
 
-def _result_bytes(result: CalibrationResult) -> bytes:
+def _answer_text(outcome: Outcome) -> str:
+    """The result file's text, or that of what stands in its place; nothing for tasks that only make documents."""
+    if outcome.answer is not None:
+        return outcome.answer.text() + "\n"
+    if outcome.result is None:
+        return ""
     from calibrant.data.result_file import result_text
 
-    return (result_text(result) + "\n").encode()
+    return result_text(outcome.result) + "\n"
 
 
-def _page_maker(outcome: Outcome, seen: Look) -> partial[bytes]:
-    return partial(_page, seen) if outcome.page is None else partial(_encoded, outcome)
+def _answer_bytes(outcome: Outcome) -> bytes:
+    return _answer_text(outcome).encode()
 
 
-def _encoded(outcome: Outcome) -> bytes:
-    return b"" if outcome.page is None else outcome.page().encode()
+def _page_bytes(outcome: Outcome, seen: Look | None) -> bytes:
+    """The task's own page, or the one that every result has."""
+    if outcome.page is not None:
+        return outcome.page().encode()
+    return b"" if seen is None else _page(seen)
 
 
 def _page(seen: Look) -> bytes:
@@ -108,10 +115,16 @@ def _show(outcome: Outcome, seen: Look | None) -> None:
 
 
 def _listed(written: list[Path]) -> list[str]:
-    """The files by name; of many in one folder, how many."""
+    """The files by name; of many pictures in one folder, how many, and what stands beside them."""
     folders: dict[Path, list[Path]] = {}
     for path in written:
         folders.setdefault(path.parent, []).append(path)
-    many = {folder for folder, paths in folders.items() if len(paths) > _LISTED}
+    many = {folder: paths for folder, paths in folders.items() if len(paths) > _LISTED}
     out = [str(path) for path in written if path.parent not in many]
-    return [*out, *(f"{len(folders[folder])} files in {folder}" for folder in many)]
+    return [*out, *(f"{_counted(paths)} in {folder}" for folder, paths in many.items())]
+
+
+def _counted(paths: list[Path]) -> str:
+    """ "8 pictures and camera.json"."""
+    others = [path.name for path in paths if path.suffix.lower() not in _PICTURES]
+    return " and ".join([f"{len(paths) - len(others)} pictures", *others])

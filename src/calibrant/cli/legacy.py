@@ -9,7 +9,7 @@ import typer
 
 from calibrant.cli.application import LEGACY
 
-LEGACY_GROUPS = ("study",)
+LEGACY_GROUPS: tuple[str, ...] = ()
 """Commands that have commands of their own: `app` in the module of that name."""
 
 MANY_VALUES = (

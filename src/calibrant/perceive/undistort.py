@@ -51,12 +51,16 @@ class Undistortion:
         image (h, w) or (h, w, channels) of the source camera, 8 or 16 bits or floating point.
         Raises: InputError for an image of another size than the source camera's.
         """
+        self.require(image)
+        whole, fraction = self._fixed_point()
+        return cv2.remap(image, whole, fraction, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+
+    def require(self, image: NDArray[Any]) -> None:
+        """Raises: InputError for an image (h, w, ...) of another size than the source camera's."""
         height, width = image.shape[:2]
         if (width, height) != self.source.image_size:
             w, h = self.source.image_size
             raise InputError(f"the image is {width}x{height} px, the camera is for images of {w}x{h} px")
-        whole, fraction = self._fixed_point()
-        return cv2.remap(image, whole, fraction, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
 
     def _fixed_point(self) -> tuple[NDArray[np.int16], NDArray[np.uint16]]:
         """The maps as remap wants them: whole pixels, and the 32nds of u and v in one number."""

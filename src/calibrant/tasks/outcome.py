@@ -25,11 +25,19 @@ class Document:
         return self.content if isinstance(self.content, bytes) else self.content()
 
 
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What a task found where that is no calibration: a study's tables. value: from Python; text: the same as JSON."""
+
+    value: Any
+    text: Callable[[], str]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
     """The end of a task.
 
-    result: the reviewed result; None for tasks that only make documents.
+    result: the reviewed result; None for tasks that only make documents. answer: what stands in its place.
     documents: what was asked for by name, written by whoever called the task, all or none of them.
     beside: documents that accompany the result file, where one is written; their paths are file names alone.
     summary, page: a terminal's words (a Rich renderable or text) and an HTML page, where they are not those that every
@@ -37,6 +45,7 @@ class Outcome:
     """
 
     result: CalibrationResult | None = None
+    answer: Answer | None = None
     documents: Iterable[Document] = ()
     beside: tuple[Document, ...] = ()
     summary: Callable[[], Any] | None = None

@@ -48,6 +48,10 @@ TASKS = {
     "doctor": Entry("robots.doctor", "Find what is wrong with hand-eye data, and repair it."),
     "pose": Entry("cameras.pose", "Find where a target is, from photos."),
     "vanishing": Entry("cameras.vanishing", "Find how a camera is turned, from a scene's edges."),
+    "undistort": Entry("cameras.undistort", "Undistort photos.", ("json",)),
+    "study methods": Entry(
+        "studies.methods", "Compare all ways to calibrate a camera.", out="Write every figure (JSON) here."
+    ),
     "report": Entry("results.report", "Show a result file, or make its HTML report.", ()),
     "time-offset": Entry("robots.time_offset", "Find the offset between camera's and robot's clocks."),
     "dynamic": Entry("robots.dynamic", "Locate a camera beside the robot through the wrist camera."),
@@ -58,7 +62,10 @@ TASKS = {
     ),
 }
 """Every command by its words: "intrinsics", "tool touch"."""
-GROUPS = {"tool": "Find a tool's tip, by touch or by sight, or a hand camera from the gripper it sees."}
+GROUPS = {
+    "tool": "Find a tool's tip, by touch or by sight, or a hand camera from the gripper it sees.",
+    "study": "Experiments to learn from: what each method gives, and when it fails.",
+}
 """What each group of commands is about: the first word of those that have two."""
 
 

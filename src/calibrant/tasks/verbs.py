@@ -53,7 +53,7 @@ def verb(name: str) -> Callable[..., CalibrationResult | None]:
     return run
 
 
-def _run(task: Task, values: Mapping[str, Any], *, force: bool) -> CalibrationResult | None:
+def _run(task: Task, values: Mapping[str, Any], *, force: bool) -> Any:
     """The task's result; what was asked for by name is written, all or none of it."""
     from calibrant.tasks.listener import SILENT
 
@@ -69,7 +69,7 @@ def _run(task: Task, values: Mapping[str, Any], *, force: bool) -> CalibrationRe
     write_documents(outcome.documents, force=force)
     if outcome.result is None and outcome.refusal is not None:
         raise outcome.refusal
-    return outcome.result
+    return outcome.result if outcome.answer is None else outcome.answer.value
 
 
 def signature_of(task: Task) -> inspect.Signature:

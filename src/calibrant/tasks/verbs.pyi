@@ -141,6 +141,35 @@ def vanishing(
     overlay: str | Path | None = None,
     force: bool = False,
 ) -> CalibrationResult: ...
+def undistort(
+    images: Words = (),
+    *,
+    camera: str | Path | None = None,
+    out: str | Path | None = None,
+    alpha: float | None = None,
+    to: str | Path | None = None,
+    size: str | None = None,
+    focal: str | None = None,
+    maps: str | Path | None = None,
+    mirror_x: bool = False,
+    force: bool = False,
+) -> CalibrationResult: ...
+def study_methods(
+    images: Words = (),
+    *,
+    target: str | None = None,
+    observations: str | Path | None = None,
+    noise: str = "0.1px",
+    points: int = 63,
+    views: int = 6,
+    lens: str = "brown:-0.1",
+    trials: int = 5,
+    seed: int = 0,
+    mirror_x: bool = False,
+    exclude: Words = (),
+    workers: str | None = None,
+    cache: str | None = None,
+) -> CalibrationResult: ...
 def report(
     result: str | Path,
     *,

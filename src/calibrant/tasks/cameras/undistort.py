@@ -1,21 +1,31 @@
-"""What `calibrant undistort` does: choose the output camera, turn every photo, write them, the camera and the maps."""
+"""Undistort photos: choose the output camera, turn every photo; the pictures, their camera and the maps are written."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from calibrant.cli import options, session
+from calibrant.cancel import checkpoint
 from calibrant.errors import InputError
+from calibrant.tasks import session
+from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.option import Option
+from calibrant.tasks.options.words import pixels
+from calibrant.tasks.outcome import Document, Outcome
 
 if TYPE_CHECKING:
+    from rich.text import Text
+
     from calibrant.cameras import Camera
     from calibrant.data import CalibrationResult
     from calibrant.perceive.undistort import Undistortion
+
+EXAMPLE = 'cb.undistort("photos/*.jpg", camera="camera.json", out="straight", alpha=0.0)'
 
 CAMERA_FILE = "camera.json"
 JPEG_QUALITY = 98
@@ -23,14 +33,18 @@ JPEG_QUALITY = 98
 _MAP_KINDS = (".npz", ".yml", ".yaml", ".yml.gz")
 
 
-@dataclass(frozen=True)
-class OutputChoice:
-    """What is said of the output camera: alpha, another camera's file, a size, a focal length; nothing: the axis'."""
+@dataclass(frozen=True, kw_only=True)
+class OutputCameraOptions:
+    """What is said of the output camera; nothing: the camera's size and its scale at the axis."""
 
-    alpha: float | None = None
-    to: Path | None = None
-    size: str | None = None
-    focal: str | None = None
+    alpha: Annotated[float | None, Option("0..1")] = None
+    """0: no pixel without a source; 1: every source pixel is shown; between: as OpenCV."""
+    to: Annotated[Path | None, Option("FILE")] = None
+    """Make pictures of this camera."""
+    size: Annotated[str | None, Option("WxH")] = None
+    """Size of the pictures, e.g. 1280x960."""
+    focal: Annotated[str | None, Option("PX")] = None
+    """Their focal length, e.g. 800px."""
 
     def camera(self, source: Camera) -> Camera:
         """The output camera. Raises: InputError for choices that contradict each other or cannot be read."""
@@ -46,7 +60,7 @@ class OutputChoice:
             raise InputError("--alpha chooses the focal length; leave out --alpha or --focal")
         if self.alpha is not None:
             return optimal_camera(source, self.alpha, image_size=size)
-        focal = options.pixels(self.focal, option="--focal")
+        focal = pixels(self.focal, option="--focal")
         if focal is not None:
             return focal_camera(source, focal, image_size=size)
         return axis_camera(source, image_size=size)
@@ -58,50 +72,69 @@ class OutputChoice:
         return {name: value for name, value in given.items() if value is not None}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Request:
-    """The command's arguments."""
+    """Undistort photos.
 
-    images: tuple[str, ...]
-    camera: Path | None
-    out: Path | None
-    output: OutputChoice
-    maps: Path | None = None
+    calibrant undistort photos/*.jpg --camera camera.json --out straight --alpha 0
+
+    Without --alpha, --to, --size or --focal the pictures keep the camera's size and its scale at the axis. 16 bits stay
+    16 bits. Prints which part of the pictures has no source.
+    """
+
+    images: Annotated[tuple[str, ...], Option("IMAGES...", positional=True)] = ()
+    """Photos, folders or patterns."""
+    camera: Annotated[Path | None, Option("FILE", "-c")] = None
+    """The camera that took them."""
+    out: Annotated[Path | None, Option("DIR", "-o", output="folder")] = None
+    """Write the pictures here, under their own names, with camera.json, the camera they then are of."""
+    output: OutputCameraOptions = OutputCameraOptions()
+    maps: Annotated[Path | None, Option("FILE", output="file")] = None
+    """Write the maps for cv2.remap: .npz, or .yml or .yml.gz in OpenCV's format."""
     mirror_x: bool = False
-    json: bool = False
-    quiet: bool = False
-    force: bool = False
+    """The camera delivers mirror images: flip them left to right."""
 
 
-def run(request: Request) -> None:
-    """Undistort the photos. Raises: InputError for unusable arguments, or when no photo could be used."""
+def reads(request: Request) -> list[Path]:
+    """The photos, and the camera's file."""
+    return [*_photos(request), *([request.camera] if request.camera is not None else [])]
+
+
+def run(request: Request, listener: Listener = SILENT) -> Outcome:
+    """The output camera, and a picture of each photo that can be used.
+
+    Raises: InputError for unusable arguments, or when no photo could be used.
+    """
     if request.camera is None:
         raise InputError("which camera took the photos? Give its file: --camera camera.json")
     if request.out is None and (request.images or request.maps is None):
         raise InputError("where shall the pictures go? Give a folder: --out straight (or no photos and --maps FILE)")
-    from calibrant.detection.images.images import expand
-
-    files = expand(list(request.images)) if request.out is not None else []
+    files = _photos(request)
     targets = _targets(files, request)
     camera = _source_camera(request.camera, files)
     output = request.output.camera(camera)
 
     from calibrant.perceive.undistort import undistortion
 
-    with session.status("Computing the map …", quiet=request.quiet or request.json):
+    with listener.status("Computing the map …"):
         turn = undistortion(camera, output)
     if not turn.valid.any():
         raise InputError("no pixel of the output has a source: the two cameras do not look the same way")
-    if request.maps is not None:
-        session.write_bytes(request.maps, _map_bytes(turn, request.maps))
-    reasons = _turn_all(turn, targets, request)
-    used = [file for file in targets if file not in reasons]
-    if targets and not used:
+    reasons = _unusable(turn, targets, request, listener)
+    if targets and len(reasons) == len(targets):
         raise InputError("none of the photos could be used: " + "; ".join(list(reasons.values())[:3]))
-    result = _result(turn, targets, reasons, request)
-    if request.out is not None:
-        result.write(request.out / CAMERA_FILE, force=request.force)
-    _say(result, turn, targets, reasons, request)
+    result = _undistorted_result(turn, targets, reasons, request)
+    return Outcome(
+        result=result,
+        documents=_written(result, turn, {f: t for f, t in targets.items() if f not in reasons}, request),
+        summary=partial(_said, turn, tuple(reasons.values())),
+    )
+
+
+def _photos(request: Request) -> list[Path]:
+    from calibrant.detection.images.images import expand
+
+    return expand(list(request.images)) if request.out is not None else []
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -131,63 +164,84 @@ def _source_camera(path: Path, files: Sequence[Path]) -> Camera:
 
 
 def _targets(files: Sequence[Path], request: Request) -> dict[Path, Path]:
-    """The file that each photo becomes. Raises: InputError where two become one, or something is in the way."""
-    if request.maps is not None:
-        if not request.maps.name.lower().endswith(_MAP_KINDS):
-            raise InputError(f"--maps {request.maps}: the name says the format; expected {', '.join(_MAP_KINDS)}")
-        session.check_writable(request.maps, force=request.force)
+    """The file that each photo becomes. Raises: InputError where two become one, or a name says no format."""
+    if request.maps is not None and not request.maps.name.lower().endswith(_MAP_KINDS):
+        raise InputError(f"--maps {request.maps}: the name says the format; expected {', '.join(_MAP_KINDS)}")
     if request.out is None:
         return {}
-    if request.out.exists() and not request.out.is_dir():
-        raise InputError(f"--out {request.out} is a file; give a folder")
-    if not request.out.exists() and not request.out.absolute().parent.is_dir():
-        raise InputError(f"--out {request.out}: there is no folder {request.out.parent}; make it first")
-    targets = {file: request.out / _name(file) for file in files}
+    targets = {file: request.out / _picture_name(file) for file in files}
     doubled = [path for path, times in Counter(targets.values()).items() if times > 1]
     if doubled:
         sources = ", ".join(str(file) for file, path in targets.items() if path == doubled[0])
         raise InputError(f"two photos would become {doubled[0]}: {sources}; undistort them into two folders")
-    read = {file.resolve() for file in [*files, *([request.camera] if request.camera else [])]}
+    read = {file.resolve() for file in reads(request)}
     for path in [*targets.values(), request.out / CAMERA_FILE]:
         if path.resolve() in read:
             raise InputError(f"{path} is an input of this command and is left alone; give another folder")
-        if path.exists() and not request.force:
-            raise InputError(f"{path} exists already; give another folder, or --force to replace it")
     return targets
 
 
-def _name(file: Path) -> str:
+def _picture_name(file: Path) -> str:
     """Name of the picture: the photo's; of a video's frame, both names; PNG where OpenCV does not write the format."""
-    import cv2
-
     from calibrant.detection.images.video import frame_of
+    from calibrant.opencv import cv2
 
     if frame_of(file) is not None:
         return f"{file.parent.stem}_{file.name}.png"
     return file.name if cv2.haveImageWriter(file.name) else f"{file.stem}.png"
 
 
-def _turn_all(turn: Undistortion, targets: dict[Path, Path], request: Request) -> dict[Path, str]:
-    """Turn and write every photo; the reason for each that was left out."""
-    from calibrant.detection.images.images import load_image
+def _unusable(
+    turn: Undistortion, targets: Mapping[Path, Path], request: Request, listener: Listener
+) -> dict[Path, str]:
+    """The reason of each photo that has to be left out: it cannot be read, is of another size, cannot be written."""
+    import numpy as np
 
     reasons: dict[Path, str] = {}
-    if request.out is not None:
-        request.out.mkdir(exist_ok=True)
-    with session.progress("Undistorting", quiet=request.quiet or request.json) as step:
+    with listener.progress("Reading photos") as step:
         for done, (file, target) in enumerate(targets.items(), 1):
+            checkpoint()
             try:
-                image = load_image(file)
-                image = image[:, ::-1].copy() if request.mirror_x else image
-                session.write_bytes(target, _encoded(turn.apply(image), target))
+                image = _photo(file, request)
+                turn.require(image)
+                _encoded(np.zeros((8, 8, *image.shape[2:]), image.dtype), target)
             except InputError as error:
                 reasons[file] = str(error)
             step(done, len(targets), file.name)
     return reasons
 
 
+def _photo(file: Path, request: Request) -> Any:
+    from calibrant.detection.images.images import load_image
+
+    image = load_image(file)
+    return image[:, ::-1].copy() if request.mirror_x else image
+
+
+def _written(
+    result: CalibrationResult, turn: Undistortion, targets: Mapping[Path, Path], request: Request
+) -> Iterator[Document]:
+    """The maps, the pictures one at a time, and the camera that the pictures are of."""
+    if request.maps is not None:
+        yield Document(request.maps, partial(_map_bytes, turn, request.maps))
+    for file, target in targets.items():
+        yield Document(target, partial(_picture, turn, file, target, request))
+    if request.out is not None:
+        yield Document(request.out / CAMERA_FILE, partial(_camera_text, result))
+
+
+def _picture(turn: Undistortion, file: Path, target: Path, request: Request) -> bytes:
+    return _encoded(turn.apply(_photo(file, request)), target)
+
+
+def _camera_text(result: CalibrationResult) -> bytes:
+    from calibrant.data.result_file import result_text
+
+    return (result_text(result) + "\n").encode()
+
+
 def _encoded(image: Any, target: Path) -> bytes:
-    import cv2
+    from calibrant.opencv import cv2
 
     jpeg = target.suffix.lower() in (".jpg", ".jpeg", ".jpe")
     try:
@@ -204,8 +258,9 @@ def _map_bytes(turn: Undistortion, path: Path) -> bytes:
     import gzip
     import io
 
-    import cv2
     import numpy as np
+
+    from calibrant.opencv import cv2
 
     u, v = (m.astype(np.float32) for m in turn.finite_maps())
     if path.suffix.lower() == ".npz":
@@ -219,8 +274,8 @@ def _map_bytes(turn: Undistortion, path: Path) -> bytes:
     return gzip.compress(text) if path.suffix.lower() == ".gz" else text
 
 
-def _result(
-    turn: Undistortion, targets: dict[Path, Path], reasons: dict[Path, str], request: Request
+def _undistorted_result(
+    turn: Undistortion, targets: Mapping[Path, Path], reasons: Mapping[Path, str], request: Request
 ) -> CalibrationResult:
     """The output camera as a result file, with what was done to whom."""
     from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Measured, ViewResult
@@ -243,30 +298,11 @@ def _result(
     )
 
 
-def _say(
-    result: CalibrationResult,
-    turn: Undistortion,
-    targets: dict[Path, Path],
-    reasons: dict[Path, str],
-    request: Request,
-) -> None:
-    """Print the summary, or the result as JSON."""
-    import typer
+def _said(turn: Undistortion, reasons: Sequence[str]) -> Text:
+    """What a person is told: the output camera, and the photos left out."""
+    from rich.text import Text
 
-    if request.json:
-        from calibrant.data.result_file import result_text
-
-        typer.echo(result_text(result))
-        return
-    if request.quiet:
-        return
-    for line in summary_lines(turn):
-        typer.echo(line)
-    for reason in reasons.values():
-        typer.echo(f"Left out: {reason}")
-    written = [f"{len(targets) - len(reasons)} pictures and {CAMERA_FILE} in {request.out}"] if request.out else []
-    written += [str(request.maps)] if request.maps else []
-    typer.echo(f"\nWritten: {', '.join(written)}")
+    return Text("\n".join([*summary_lines(turn), *(f"Left out: {reason}" for reason in reasons)]))
 
 
 def summary_lines(turn: Undistortion) -> list[str]:

@@ -66,7 +66,7 @@ def test_machine_code_of_several_processes_gives_the_same_digits(tmp_path: Path,
         if package is copy:
             # Other tests compile meanwhile: what is half written has another name, and is gone a moment later.
             shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("*.tmp.*", "*.pyc.*"))
-            stale = list((copy / "detect" / "__pycache__").glob(f"{of_another_process}[.-]*.nb*"))
+            stale = list((copy / "detection" / "subpixel" / "__pycache__").glob(f"{of_another_process}[.-]*.nb*"))
             assert stale
             for file in stale:
                 file.unlink()

@@ -4,6 +4,10 @@ Before it looks into its cache, Numba brings the implementations of all of Pytho
 linear algebra among them: half a second. A function that is found there needs none of them, only Numba's runtime to
 link against. One that is not found is compiled as ever: the compiler brings them itself.
 
+A first run waits for all that it compiles, so each function says who calls it, and gets no other way in: a wrapper is
+as much to compile as a small function, and holds a copy of one that is inlined. Kernels copy arrays element by element
+where that is as short: `a[:] = b` brings the sentence about shapes that do not fit, and with it all of Python's strings.
+
 The same picture gives the same digits in every process, although each holds some functions that it compiled and some
 that another did. Where `fastmath` lets sums be reordered, that takes two things. Such a function, and each that calls
 it from compiled code, has forceinline=True: otherwise the linker picks one of several copies, each optimised in
@@ -18,13 +22,28 @@ from typing import Any
 from numba import njit
 from numba.core.runtime import rtsys
 
+Decorator = Callable[[Callable[..., Any]], Any]
 
-def compiled(signature: Any, **options: Any) -> Callable[[Callable[..., Any]], Any]:
+
+def compiled(signature: Any, **options: Any) -> Decorator:
     """Decorator: the function compiled for `signature` alone, without Python's lock, divisions by 0 giving inf or NaN.
 
-    options: further ones of Numba's njit.
+    For functions that Python and other compiled functions call. options: further ones of Numba's njit.
     """
+    return _decorator(signature, no_cfunc_wrapper=True, **options)
 
+
+def compiled_part(signature: Any, **options: Any) -> Decorator:
+    """As `compiled`, for functions that compiled ones alone call; Python's calls raise TypeError."""
+    return _decorator(signature, no_cfunc_wrapper=True, no_cpython_wrapper=True, **options)
+
+
+def compiled_for_pointer(signature: Any, **options: Any) -> Decorator:
+    """As `compiled`, for functions that compiled ones call through a pointer as well."""
+    return _decorator(signature, **options)
+
+
+def _decorator(signature: Any, **options: Any) -> Decorator:
     def decorate(function: Callable[..., Any]) -> Any:
         dispatcher = _from_cache(function, signature, options)
         if dispatcher.stats.cache_misses:
@@ -40,6 +59,8 @@ def compiled(signature: Any, **options: Any) -> Callable[[Callable[..., Any]], A
 def _from_cache(function: Callable[..., Any], signature: Any, options: dict[str, Any]) -> Any:
     """A dispatcher with the function of the cache, or with a new one that the cache then holds."""
     dispatcher = njit(cache=True, nogil=True, error_model="numpy", **options)(function)
+    if options.get("no_cpython_wrapper"):
+        dispatcher._insert = _no_entry
     target = dispatcher.targetctx
     dispatcher.targetctx = _Linking(target)
     try:
@@ -47,6 +68,10 @@ def _from_cache(function: Callable[..., Any], signature: Any, options: dict[str,
     finally:
         dispatcher.targetctx = target
     return dispatcher
+
+
+def _no_entry(types: Any, function: Any, objectmode: bool) -> None:
+    """In place of Numba's table of what a call from Python may lead to: the way in was not compiled."""
 
 
 class _Linking:

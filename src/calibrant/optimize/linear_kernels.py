@@ -137,7 +137,7 @@ def solve_shared(S, s, before, gradient, damping, tolerance, x):  # type: ignore
 def invert_definite(S, inverse):  # type: ignore[no-untyped-def]
     """inverse = S^-1 by Cholesky. Returns the smallest pivot; `inverse` is not filled when that is not above 0."""
     n = S.shape[0]
-    L = np.zeros((n, n))
+    L, M = np.empty((n, n)), np.empty((n, n))
     smallest = np.inf
     for j in range(n):
         pivot = S[j, j]
@@ -153,7 +153,6 @@ def invert_definite(S, inverse):  # type: ignore[no-untyped-def]
                 total -= L[i, k] * L[j, k]
             L[i, j] = total / L[j, j]
     # Row j of M holds column j of L^-1, so that every inner product below runs over contiguous memory.
-    M = np.zeros((n, n))
     for j in range(n):
         M[j, j] = 1.0 / L[j, j]
         for i in range(j + 1, n):

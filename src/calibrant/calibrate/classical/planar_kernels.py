@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from calibrant.cameras.kernels.contract import FAST
-from calibrant.compiled import compiled
+from calibrant.compiled import compiled, compiled_part
 
 _f1, _f2, _f3 = types.float64[::1], types.float64[:, ::1], types.float64[:, :, ::1]
 _constant_plane = types.Array(types.float64, 2, "C", readonly=True)  # writable arrays convert
 _constant_offsets = types.Array(types.int64, 1, "C", readonly=True)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled_part(types.UniTuple(types.float64, 3)(_constant_plane, types.int64, types.int64))
 def _similarity(xy, first, n):  # type: ignore[no-untyped-def]
     """Centroid and scale that bring points to mean 0 and mean distance sqrt(2) (Hartley's normalisation)."""
     mx, my = 0.0, 0.0
@@ -23,17 +23,23 @@ def _similarity(xy, first, n):  # type: ignore[no-untyped-def]
     mx, my = mx / n, my / n
     spread = 0.0
     for i in range(first, first + n):
-        spread += np.sqrt((xy[i, 0] - mx) ** 2 + (xy[i, 1] - my) ** 2)
+        spread += np.sqrt((xy[i, 0] - mx) * (xy[i, 0] - mx) + (xy[i, 1] - my) * (xy[i, 1] - my))
     return mx, my, (np.sqrt(2.0) * n / spread if spread > 0.0 else 0.0)
 
 
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@compiled_part(
+    types.void(_constant_plane, _constant_plane, types.int64, types.int64, *6 * [types.float64], _f2),
+    fastmath=FAST,
+    forceinline=True,
+)
 def _moments(plane, image, first, n, px, py, ps, qx, qy, qs, M):  # type: ignore[no-untyped-def]
     """M (4, 6): sums over the points of (xx, xy, x, yy, y, 1) times (1, u, w, u^2 + w^2), normalised coordinates.
 
     The normal equations of a homography hold nothing else: 24 sums in place of 90.
     """
-    m = np.zeros((24,))
+    m = np.empty(24)
+    for a in range(24):
+        m[a] = 0.0
     for i in range(first, first + n):
         x, y = (plane[i, 0] - px) * ps, (plane[i, 1] - py) * ps
         u, w = (image[i, 0] - qx) * qs, (image[i, 1] - qy) * qs
@@ -66,14 +72,16 @@ def _moments(plane, image, first, n, px, py, ps, qx, qy, qs, M):  # type: ignore
         M[a // 6, a % 6] = m[a]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled_part(types.void(_f2, _f2))
 def _normal_matrix(M, A):  # type: ignore[no-untyped-def]
     """Lower triangle of the normal equations A (9, 9), right side in its last row, from the moments.
 
     Rows (x, y, 1, 0, 0, 0, -u x, -u y | u) and (0, 0, 0, x, y, 1, -w x, -w y | w): with p = (x, y, 1), the blocks are
     sum p p^T twice, and -sum u p p^T, -sum w p p^T, sum (u^2 + w^2) p p^T under them.
     """
-    A[:] = 0.0
+    for r in range(9):
+        for c in range(9):
+            A[r, c] = 0.0
     for r in range(3):
         for c in range(3):
             low, high = min(r, c), max(r, c)

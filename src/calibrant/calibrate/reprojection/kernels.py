@@ -19,7 +19,7 @@ from numba.extending import typeof_impl
 
 from calibrant.cameras import CameraModel
 from calibrant.cameras.kernels.contract import FAST, ROWS, ROWS_ARGUMENTS
-from calibrant.compiled import compiled
+from calibrant.compiled import compiled, compiled_part
 
 
 def _constant(kind, ndim):  # type: ignore[no-untyped-def]
@@ -34,6 +34,7 @@ _f1, _f2, _f3 = types.float64[::1], types.float64[:, ::1], types.float64[:, :, :
 _int = types.int64
 _VIEWS = (ROWS, _c2, _i1, _c3, _c2, _c3, _c2, _c2)
 NORMAL_EQUATIONS = types.void(*_VIEWS, _c1, _i1, _int, types.float64, _int, _int, _f3, _f2, _f1)
+_SCRATCH = types.Tuple((*6 * [_f2], _f1))
 _RESIDUALS = types.void(*_VIEWS, _i1, _int, _int, _f2)
 
 
@@ -80,7 +81,7 @@ def robust(kind, k2, s):  # type: ignore[no-untyped-def]
     return s, 1.0
 
 
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@compiled_part(types.void(_f2, _int, _int, _f2, _f1), fastmath=FAST, forceinline=True)
 def _accumulate(J, q, length, H, g):  # type: ignore[no-untyped-def]
     """H = J J^T and g = J r over the first `length` columns; r is row q. Four sums at once share the load of a row."""
     for a in range(q):
@@ -114,7 +115,11 @@ def _accumulate(J, q, length, H, g):  # type: ignore[no-untyped-def]
             H[a, b] = H[b, a]
 
 
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@compiled_part(
+    types.float64(ROWS, _c1, _c2, _c1, _c2, _c3, _c2, _c1, _int, _int, _int, types.float64, _SCRATCH, _f2, _f1),
+    fastmath=FAST,
+    forceinline=True,
+)
 def _view(rows, parameters, T, theta, points, modes, uv, weight, first, n, loss, scale_sq, scratch, H, g):  # type: ignore[no-untyped-def]
     """Normal equations of one view; returns its cost."""
     k, m = parameters.shape[0], modes.shape[0]

@@ -8,7 +8,7 @@ from numba import njit
 from calibrant.cameras.kernels.contract import FAST, ROWS_ARGUMENTS
 from calibrant.cameras.kernels.plane_rows import radius_limit
 from calibrant.cameras.kernels.radial_rows import place
-from calibrant.compiled import compiled
+from calibrant.compiled import compiled_for_pointer
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -48,7 +48,7 @@ def _scale(l1, l2, l3, limit, R2, z):  # type: ignore[no-untyped-def]
     return x / norm
 
 
-@compiled(ROWS_ARGUMENTS, fastmath=FAST)
+@compiled_for_pointer(ROWS_ARGUMENTS, fastmath=FAST)
 def rows(n, parameters, p, uv, J_point, J_parameters):  # type: ignore[no-untyped-def]
     fx, fy, l1, l2, l3 = parameters[0], parameters[1], parameters[4], parameters[5], parameters[6]
     limit = _limit(l1, l2, l3)

@@ -6,10 +6,10 @@ import numpy as np
 
 from calibrant.cameras.kernels.contract import FAST, ROWS_ARGUMENTS
 from calibrant.cameras.kernels.radial_rows import place
-from calibrant.compiled import compiled
+from calibrant.compiled import compiled_for_pointer
 
 
-@compiled(ROWS_ARGUMENTS, fastmath=FAST)
+@compiled_for_pointer(ROWS_ARGUMENTS, fastmath=FAST)
 def rows(n, parameters, p, uv, J_point, J_parameters):  # type: ignore[no-untyped-def]
     fx, fy, xi, alpha = parameters[0], parameters[1], parameters[4], parameters[5]
     w1 = alpha / (1.0 - alpha) if alpha <= 0.5 else (1.0 - alpha) / alpha

@@ -7,7 +7,7 @@ from numba import njit
 
 from calibrant.cameras.kernels.contract import FAST, ROWS_ARGUMENTS
 from calibrant.cameras.kernels.plane_rows import disc, radial_inverse
-from calibrant.compiled import compiled
+from calibrant.compiled import compiled_for_pointer
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -53,7 +53,7 @@ def _solve(k1, k2, p1, p2, k3, limit, X, Y):  # type: ignore[no-untyped-def]
     return x, y, error < 1e-12 * (1.0 + rd) and det > 0.0 and np.sqrt(x * x + y * y) < limit
 
 
-@compiled(ROWS_ARGUMENTS, fastmath=FAST)
+@compiled_for_pointer(ROWS_ARGUMENTS, fastmath=FAST)
 def rows(n, parameters, p, uv, J_point, J_parameters):  # type: ignore[no-untyped-def]
     fx, fy, cx, cy = parameters[0], parameters[1], parameters[2], parameters[3]
     k1, k2, p1, p2, k3 = parameters[4], parameters[5], parameters[6], parameters[7], parameters[8]

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from calibrant.cameras.kernels.contract import FAST, ROWS_ARGUMENTS
-from calibrant.compiled import compiled
+from calibrant.compiled import compiled_for_pointer
 
 
-@compiled(ROWS_ARGUMENTS, fastmath=FAST)
+@compiled_for_pointer(ROWS_ARGUMENTS, fastmath=FAST)
 def rows(n, parameters, p, uv, J_point, J_parameters):  # type: ignore[no-untyped-def]
     fx, fy, cx, cy = parameters[0], parameters[1], parameters[2], parameters[3]
     unseen = 0

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from calibrant.cameras.kernels.contract import FAST, ROWS_ARGUMENTS
-from calibrant.compiled import compiled
+from calibrant.compiled import compiled_for_pointer
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy", inline="always")
@@ -75,16 +75,16 @@ def _fill(count, n, a, p, uv, J_point, J):  # type: ignore[no-untyped-def]
     return unseen
 
 
-@compiled(ROWS_ARGUMENTS, fastmath=FAST)
+@compiled_for_pointer(ROWS_ARGUMENTS, fastmath=FAST)
 def rational(n, parameters, p, uv, J_point, J_parameters):  # type: ignore[no-untyped-def]
     return _fill(8, n, parameters, p, uv, J_point, J_parameters)
 
 
-@compiled(ROWS_ARGUMENTS, fastmath=FAST)
+@compiled_for_pointer(ROWS_ARGUMENTS, fastmath=FAST)
 def thin_prism(n, parameters, p, uv, J_point, J_parameters):  # type: ignore[no-untyped-def]
     return _fill(12, n, parameters, p, uv, J_point, J_parameters)
 
 
-@compiled(ROWS_ARGUMENTS, fastmath=FAST)
+@compiled_for_pointer(ROWS_ARGUMENTS, fastmath=FAST)
 def tilted(n, parameters, p, uv, J_point, J_parameters):  # type: ignore[no-untyped-def]
     return _fill(14, n, parameters, p, uv, J_point, J_parameters)

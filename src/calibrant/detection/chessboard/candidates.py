@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.compiled import compiled
+from calibrant.compiled import compiled, compiled_part
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -73,7 +73,9 @@ def find_corners(level: NDArray[np.uint8], *, most: int = MOST_CANDIDATES) -> Co
         examined, rest = maxima[pronounced], maxima[~pronounced]
     else:
         examined, rest = maxima, maxima[:0]
-    passed, axes, contrast = _ring_tests(smooth, examined)
+    n = len(examined)
+    passed, axes, contrast = np.zeros(n, np.bool_), np.zeros((n, 2)), np.zeros(n)
+    _ring_tests(smooth, examined, passed, axes, contrast)
     weak = np.concatenate([examined[~passed], rest])
     return Corners(smooth, examined[passed], axes[passed], contrast[passed], weak)
 
@@ -106,7 +108,7 @@ def _saddles(image: Image, least: float) -> tuple[Array, Array]:
     return _centres(image, *_maxima(image, np.float32(least)))
 
 
-@compiled("void(float32[:, ::1], int64, float32[::1])", fastmath={"contract"}, forceinline=True)
+@compiled_part("void(float32[:, ::1], int64, float32[::1])", fastmath={"contract"}, forceinline=True)
 def _respond(image, y, response):  # type: ignore[no-untyped-def]
     """Fills S of row y of the image but for its ends."""
     above, here, below = image[y - 1], image[y], image[y + 1]
@@ -118,7 +120,7 @@ def _respond(image, y, response):  # type: ignore[no-untyped-def]
         response[x] = np.float32(1 / 16) * xy * xy - xx * yy
 
 
-@compiled("boolean(float32[::1], float32[::1], float32[::1], int64)")
+@compiled_part("boolean(float32[::1], float32[::1], float32[::1], int64)")
 def _has_equal_before(highest, above, here, x):  # type: ignore[no-untyped-def]
     """Whether the same response stands at an earlier pixel, row by row, within two pixels."""
     for u in range(x - 2, x + 3):
@@ -133,8 +135,10 @@ def _maxima(image, least):  # type: ignore[no-untyped-def]
     h, w = image.shape
     xs, ys = np.empty(h * w // 9 + 1, np.int64), np.empty(h * w // 9 + 1, np.int64)
     # Five rows of S at a time: a picture of it would cost more to fill than to compute.
-    rows, down, largest = np.zeros((5, w), np.float32), np.empty(w, np.float32), np.empty(w, np.float32)
+    rows, down, largest = np.empty((5, w), np.float32), np.empty(w, np.float32), np.empty(w, np.float32)
     n = 0
+    for k in range(5):
+        rows[k, 0], rows[k, w - 1] = 0.0, 0.0
     for y in range(MARGIN_PX - 2, MARGIN_PX + 2):
         _respond(image, y, rows[y % 5])
     for y in range(MARGIN_PX, h - MARGIN_PX):
@@ -158,7 +162,7 @@ def _maxima(image, least):  # type: ignore[no-untyped-def]
             if c[x] >= largest[x] and c[x] > least and not _has_equal_before(a, b, c, x):
                 xs[n], ys[n] = x, y
                 n += 1
-    return xs[:n].copy(), ys[:n].copy()
+    return xs[:n], ys[:n]
 
 
 @compiled("Tuple((float64[:, ::1], float64[::1]))(float32[:, ::1], int64[::1], int64[::1])")
@@ -182,14 +186,14 @@ def _centres(image, xs, ys):  # type: ignore[no-untyped-def]
             found[n, 1] = y + dy
             strength[n] = s
             n += 1
-    return found[:n].copy(), strength[:n].copy()
+    return found[:n], strength[:n]
 
 
 _ANGLES = 2 * np.pi * np.arange(RING_SAMPLES) / RING_SAMPLES
 _RING = RING_RADIUS_PX * np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
 
 
-@compiled("float64(float32[:, ::1], float64, float64, float64[::1])", inline="always")
+@compiled_part("float64(float32[:, ::1], float64, float64, float64[::1])", inline="always")
 def _ring(image, cx, cy, values):  # type: ignore[no-untyped-def]
     """Fills values (RING_SAMPLES,) on the circle around a centre, bilinear; their mean."""
     total = 0.0
@@ -205,20 +209,17 @@ def _ring(image, cx, cy, values):  # type: ignore[no-untyped-def]
     return total / RING_SAMPLES
 
 
-@compiled("Tuple((boolean[::1], float64[:, ::1], float64[::1]))(float32[:, ::1], float64[:, ::1])")
-def _ring_tests(image, xy):  # type: ignore[no-untyped-def]
-    """Which centres (n, 2) look like corners, their axes (n, 2) and contrast (n,)."""
-    n = len(xy)
-    passed = np.zeros(n, np.bool_)
-    axes = np.zeros((n, 2))
-    contrast = np.zeros(n)
+@compiled("void(float32[:, ::1], float64[:, ::1], boolean[::1], float64[:, ::1], float64[::1])")
+def _ring_tests(image, xy, passed, axes, contrast):  # type: ignore[no-untyped-def]
+    """Sets which centres (n, 2) look like corners (n,), their axes (n, 2) and contrast (n,); all 0 before."""
     half = RING_SAMPLES // 2
     step = 2.0 * math.pi / RING_SAMPLES
     crossing = np.empty(4)
     values = np.empty(RING_SAMPLES)
-    for i in range(n):
-        values -= _ring(image, xy[i, 0], xy[i, 1], values)
-        odd, size = 0.0, 0.0
+    for i in range(len(xy)):
+        mean, odd, size = _ring(image, xy[i, 0], xy[i, 1], values), 0.0, 0.0
+        for k in range(RING_SAMPLES):
+            values[k] -= mean
         for k in range(half):
             odd += abs(values[k] - values[k + half])
             size += abs(values[k]) + abs(values[k + half])
@@ -252,4 +253,3 @@ def _ring_tests(image, xy):  # type: ignore[no-untyped-def]
         passed[i] = True
         axes[i, 0] = first if falling_first else second
         axes[i, 1] = second if falling_first else first + math.pi
-    return passed, axes, contrast

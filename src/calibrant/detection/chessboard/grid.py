@@ -91,13 +91,15 @@ def _walk(seed, links, seen, taken):  # type: ignore[no-untyped-def]
     Sets `seen` of them; taken: all -1, and again so afterwards.
     """
     walk = np.empty((len(links), 4), np.int64)
-    known = np.zeros(len(links), np.bool_)
+    known = np.empty(len(links), np.int64)
+    for k in range(len(links)):
+        known[k] = 0
     walk[0, 0], walk[0, 1], walk[0, 2], walk[0, 3] = seed, 0, 0, 0
     taken[FURTHEST, FURTHEST] = seed
-    known[seed] = True
+    known[seed] = 1
     count, done = 1, 0
     while done < count:
-        corner, row, column, turn = walk[done]
+        corner, row, column, turn = walk[done, 0], walk[done, 1], walk[done, 2], walk[done, 3]
         done += 1
         for port in range(4):
             link = links[corner, port]
@@ -107,15 +109,15 @@ def _walk(seed, links, seen, taken):  # type: ignore[no-untyped-def]
             direction = (port + turn) % 4
             r = row + (1 if direction == 1 else -1 if direction == 3 else 0)
             c = column + (1 if direction == 0 else -1 if direction == 2 else 0)
-            if known[other] or max(abs(r), abs(c)) > FURTHEST or taken[r + FURTHEST, c + FURTHEST] >= 0:
+            if known[other] > 0 or max(abs(r), abs(c)) > FURTHEST or taken[r + FURTHEST, c + FURTHEST] >= 0:
                 continue
-            known[other], taken[r + FURTHEST, c + FURTHEST] = True, other
+            known[other], taken[r + FURTHEST, c + FURTHEST] = 1, other
             walk[count, 0], walk[count, 1], walk[count, 2], walk[count, 3] = other, r, c, (direction + 2 - back) % 4
             count += 1
     for k in range(count):
         seen[walk[k, 0]] = True
         taken[walk[k, 1] + FURTHEST, walk[k, 2] + FURTHEST] = -1
-    return walk[:count].copy()
+    return walk[:count]
 
 
 def _as_grid(walk: Walk, corners: Corners) -> Grid:

@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.compiled import compiled
+from calibrant.compiled import compiled, compiled_part
 from calibrant.detection.chessboard.candidates import Corners
 
 ANGLE_TOLERANCE = math.radians(16)
@@ -36,7 +36,7 @@ def neighbours(corners: Corners) -> NDArray[np.int32]:
     return _mutual(nearest)
 
 
-@compiled("boolean(float32[:, ::1], float64, float64, float64, float64, float64)")
+@compiled_part("boolean(float32[:, ::1], float64, float64, float64, float64, float64)")
 def edge_between(image, x0, y0, x1, y1, least):  # type: ignore[no-untyped-def]
     """Whether the side to which one turns (x towards y) is darker than the other by 2 `least` all along p0 -> p1."""
     h, w = image.shape
@@ -62,15 +62,17 @@ def _nearest(image, xy, axes, contrast, bin_size):  # type: ignore[no-untyped-de
     n = len(xy)
     h, w = image.shape
     across, down = int(w / bin_size) + 1, int(h / bin_size) + 1
-    start = np.zeros(across * down + 1, np.int32)
-    home = np.empty(n, np.int32)
+    start, home = np.empty(across * down + 1, np.int32), np.empty(n, np.int32)
+    for k in range(len(start)):
+        start[k] = 0
     for i in range(n):
         home[i] = int(xy[i, 1] / bin_size) * across + int(xy[i, 0] / bin_size)
         start[home[i] + 1] += 1
     for k in range(across * down):
         start[k + 1] += start[k]
-    filled = start[:-1].copy()
-    members = np.empty(n, np.int32)
+    filled, members = np.empty(across * down, np.int32), np.empty(n, np.int32)
+    for k in range(across * down):
+        filled[k] = start[k]
     for i in range(n):
         members[filled[home[i]]] = i
         filled[home[i]] += 1
@@ -81,15 +83,15 @@ def _nearest(image, xy, axes, contrast, bin_size):  # type: ignore[no-untyped-de
     least_cos = math.cos(ANGLE_TOLERANCE)
     # A board of 3x3 corners has four squares a side: a square is at most a quarter of the picture.
     furthest = int(0.3 * max(h, w) / bin_size) + 1
-    nearest = np.full((n, 4), -1, np.int32)
-    best = np.empty(4)
+    nearest, best = np.empty((n, 4), np.int32), np.empty(4)
     for i in range(n):
-        best[:] = (bin_size * (furthest + 1)) ** 2
+        for port in range(4):
+            nearest[i, port], best[port] = -1, (bin_size * (furthest + 1)) ** 2
         column, row = home[i] % across, home[i] // across
         for ring in range(furthest + 1):
             # All that is nearer than this has been seen already.
             seen = bin_size * max(ring - 1, 0)
-            if best.max() <= seen * seen:
+            if max(best[0], best[1], best[2], best[3]) <= seen * seen:
                 break
             for v in range(max(row - ring, 0), min(row + ring, down - 1) + 1):
                 whole = abs(v - row) == ring
@@ -115,11 +117,8 @@ def _nearest(image, xy, axes, contrast, bin_size):  # type: ignore[no-untyped-de
                                 continue
                             least = LEAST_EDGE * min(contrast[i], contrast[j])
                             # An a-port has its dark side where one turns to; seen from the b-port it is the other.
-                            if axis == 0:
-                                edge = edge_between(image, xy[i, 0], xy[i, 1], xy[j, 0], xy[j, 1], least)
-                            else:
-                                edge = edge_between(image, xy[j, 0], xy[j, 1], xy[i, 0], xy[i, 1], least)
-                            if edge:
+                            a, b = (i, j) if axis == 0 else (j, i)
+                            if edge_between(image, xy[a, 0], xy[a, 1], xy[b, 0], xy[b, 1], least):
                                 best[port] = d2
                                 nearest[i, port] = 4 * j + back
     return nearest

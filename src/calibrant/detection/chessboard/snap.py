@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from calibrant.compiled import compiled
+from calibrant.compiled import compiled, compiled_part
 from calibrant.detection.chessboard.links import edge_between
 
 SNAP = 0.25
@@ -25,17 +25,17 @@ LEAST_DIFFERENCE = 2.0
 """Grey levels between dark and light squares: above the rounding of 8 bits."""
 
 
-@compiled("UniTuple(float64, 3)(float64[:, :, ::1], int64, int64, int64, int64)")
+@compiled_part("UniTuple(float64, 3)(float64[:, :, ::1], int64, int64, int64, int64)")
 def _along(xy, row, column, dr, dc):  # type: ignore[no-untyped-def]
     """(x, y, weight) that the line leaving (row, column) by (dr, dc) predicts for it; weight 0 when it cannot."""
-    rows, columns = xy.shape[:2]
+    rows, columns = xy.shape[0], xy.shape[1]
     known = 0
     p = np.empty((3, 2))
     for k in range(1, 4):
         r, c = row + k * dr, column + k * dc
         if not (0 <= r < rows and 0 <= c < columns) or math.isnan(xy[r, c, 0]):
             break
-        p[known] = xy[r, c]
+        p[known, 0], p[known, 1] = xy[r, c, 0], xy[r, c, 1]
         known += 1
     if known < 2:
         return 0.0, 0.0, 0.0
@@ -49,11 +49,12 @@ def _along(xy, row, column, dr, dc):  # type: ignore[no-untyped-def]
     return p[0, 0] + ratio * x1, p[0, 1] + ratio * y1, float(known)
 
 
-@compiled("boolean(float64[:, :, ::1], int64, int64, float64[::1])")
+@compiled_part("boolean(float64[:, :, ::1], int64, int64, float64[::1])")
 def predict(xy, row, column, out):  # type: ignore[no-untyped-def]
     """Fills out with x, y, and the steps ux, uy to the next column, vx, vy to the next row; False when unknown."""
-    rows, columns = xy.shape[:2]
-    out[:] = 0.0
+    rows, columns = xy.shape[0], xy.shape[1]
+    for k in range(6):
+        out[k] = 0.0
     across, down = 0, 0
     for r in range(max(row - 1, 0), min(row + 2, rows)):
         for c in range(max(column - 2, 0), min(column + 2, columns - 1)):
@@ -69,8 +70,7 @@ def predict(xy, row, column, out):  # type: ignore[no-untyped-def]
                 down += 1
     if across == 0 or down == 0:
         return False
-    out[2:4] /= across
-    out[4:6] /= down
+    out[2], out[3], out[4], out[5] = out[2] / across, out[3] / across, out[4] / down, out[5] / down
     total = 0.0
     for dr, dc in ((0, 1), (1, 0)):
         r0, c0, r1, c1 = row - dr, column - dc, row + dr, column + dc
@@ -100,26 +100,30 @@ def predict(xy, row, column, out):  # type: ignore[no-untyped-def]
                         total += 1.0
     if total == 0.0:
         return False
-    out[0:2] /= total
+    out[0], out[1] = out[0] / total, out[1] / total
     return True
 
 
 @compiled("float64[:, ::1](float64[:, :, ::1], boolean[:, ::1])")
 def steps_at(xy, wanted):  # type: ignore[no-untyped-def]
     """Steps ux, uy, vx, vy (n, 4) as from `predict` at the wanted corners, row by row; 0 where they are not known."""
-    steps = np.zeros((wanted.sum(), 4))
-    out = np.empty(6)
+    count = 0
+    for row in range(wanted.shape[0]):
+        for column in range(wanted.shape[1]):
+            count += 1 if wanted[row, column] else 0
+    steps, out = np.empty((count, 4)), np.empty(6)
     n = 0
     for row in range(xy.shape[0]):
         for column in range(xy.shape[1]):
             if wanted[row, column]:
                 predict(xy, row, column, out)
-                steps[n] = out[2:]
+                for k in range(4):
+                    steps[n, k] = out[2 + k]
                 n += 1
     return steps
 
 
-@compiled("boolean(float32[:, ::1], float64, float64, float64[::1], boolean, float64)")
+@compiled_part("boolean(float32[:, ::1], float64, float64, float64[::1], boolean, float64)")
 def looks_like_corner(image, x, y, step, dark, contrast):  # type: ignore[no-untyped-def]
     """Whether the four squares around (x, y) alternate clearly, both near to it and far.
 
@@ -143,13 +147,13 @@ def looks_like_corner(image, x, y, step, dark, contrast):  # type: ignore[no-unt
     return difference >= max(LEAST_CONTRAST * contrast * (darkest_light + lightest_dark), LEAST_DIFFERENCE)
 
 
-@compiled("boolean(float32[:, ::1], float64[:, :, ::1], int64, int64, float64, float64, boolean, float64)")
+@compiled_part("boolean(float32[:, ::1], float64[:, :, ::1], int64, int64, float64, float64, boolean, float64)")
 def edges_arrive(image, xy, row, column, x, y, dark, contrast):  # type: ignore[no-untyped-def]
     """Whether an edge of the right colours leads from (x, y) all the way to each neighbour that is known.
 
     dark: colour of the square towards the next column and row.
     """
-    rows, columns = xy.shape[:2]
+    rows, columns = xy.shape[0], xy.shape[1]
     level = image[min(max(int(y + 0.5), 0), image.shape[0] - 1), min(max(int(x + 0.5), 0), image.shape[1] - 1)]
     # Half of what the squares must show: next to an edge, blur has taken part of it.
     least = max(0.5 * LEAST_CONTRAST * contrast * level, 0.5 * LEAST_DIFFERENCE)
@@ -172,15 +176,19 @@ def edges_arrive(image, xy, row, column, x, y, dark, contrast):  # type: ignore[
 @compiled("Tuple((float64[:, ::1], int64[::1]))(float64[:, ::1], int64)")
 def by_rows(xy, height):  # type: ignore[no-untyped-def]
     """Points (m, 2) in the order of the image's rows they lie in, and where each of its rows begins, (height + 1,)."""
-    first = np.zeros(height + 1, np.int64)
+    first = np.empty(height + 1, np.int64)
+    for row in range(height + 1):
+        first[row] = 0
     for k in range(len(xy)):
         first[min(max(int(xy[k, 1]), 0), height - 1) + 1] += 1
     for row in range(height):
         first[row + 1] += first[row]
-    filled, ordered = first.copy(), np.empty_like(xy)
+    filled, ordered = np.empty(height, np.int64), np.empty((len(xy), 2))
+    for row in range(height):
+        filled[row] = first[row]
     for k in range(len(xy)):
         row = min(max(int(xy[k, 1]), 0), height - 1)
-        ordered[filled[row]] = xy[k]
+        ordered[filled[row], 0], ordered[filled[row], 1] = xy[k, 0], xy[k, 1]
         filled[row] += 1
     return ordered, first
 
@@ -192,12 +200,13 @@ def snap(xy, wanted, dark, contrast, image, pool, first):  # type: ignore[no-unt
     dark: colour of the square right of and below corner (0, 0); contrast: of the grid; pool (m, 2), first: the saddles
     as from `by_rows`.
     """
-    rows, columns = xy.shape[:2]
-    found = np.full((rows, columns), -1)
+    rows, columns = xy.shape[0], xy.shape[1]
+    found = np.empty((rows, columns), np.int64)
     step = np.empty(6)
     count = 0
     for row in range(rows):
         for column in range(columns):
+            found[row, column] = -1
             if not wanted[row, column] or not predict(xy, row, column, step):
                 continue
             across = math.sqrt(step[2] ** 2 + step[3] ** 2)
@@ -223,19 +232,21 @@ def snap(xy, wanted, dark, contrast, image, pool, first):  # type: ignore[no-unt
                 count += 1
     for row in range(rows):
         for column in range(columns):
-            if found[row, column] >= 0:
-                xy[row, column] = pool[found[row, column]]
+            k = found[row, column]
+            if k >= 0:
+                xy[row, column, 0], xy[row, column, 1] = pool[k, 0], pool[k, 1]
     return count
 
 
 @compiled("int64(float64[:, :, ::1], boolean, float64, float32[:, ::1])")
 def drop_misfits(xy, dark, contrast, image):  # type: ignore[no-untyped-def]
     """Unsets corners that lie elsewhere than their neighbours say, or whose squares do not alternate; how many."""
-    rows, columns = xy.shape[:2]
-    drop = np.zeros((rows, columns), np.bool_)
+    rows, columns = xy.shape[0], xy.shape[1]
+    drop = np.empty((rows, columns), np.int64)
     step = np.empty(6)
     for row in range(rows):
         for column in range(columns):
+            drop[row, column] = 0
             if math.isnan(xy[row, column, 0]) or not predict(xy, row, column, step):
                 continue
             across = math.sqrt(step[2] ** 2 + step[3] ** 2)
@@ -243,13 +254,14 @@ def drop_misfits(xy, dark, contrast, image):  # type: ignore[no-untyped-def]
             off = math.sqrt((xy[row, column, 0] - step[0]) ** 2 + (xy[row, column, 1] - step[1]) ** 2)
             here = dark ^ ((row + column) % 2 == 1)
             # Twice the tolerance of a prediction, for a wrong neighbour spoils it too.
-            drop[row, column] = off > 2.0 * SNAP * min(across, down) or not looks_like_corner(
+            if off > 2.0 * SNAP * min(across, down) or not looks_like_corner(
                 image, xy[row, column, 0], xy[row, column, 1], step, here, contrast
-            )
+            ):
+                drop[row, column] = 1
     count = 0
     for row in range(rows):
         for column in range(columns):
-            if drop[row, column]:
-                xy[row, column] = np.nan
+            if drop[row, column] > 0:
+                xy[row, column, 0], xy[row, column, 1] = np.nan, np.nan
                 count += 1
     return count

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from calibrant.compiled import compiled
+from calibrant.compiled import compiled_part
 
 
-@compiled(
+@compiled_part(
     "void(float64[:, ::1], float64[::1], float64[:, ::1], float64[::1])",
     fastmath={"contract", "reassoc"},
     forceinline=True,
@@ -29,7 +29,7 @@ def products(J, r, JtJ, Jtr):  # type: ignore[no-untyped-def]
             JtJ[j, i] = total
 
 
-@compiled("void(float64[:, ::1], float64, float64[:, ::1])")
+@compiled_part("void(float64[:, ::1], float64, float64[:, ::1])")
 def factor(A, damping, L):  # type: ignore[no-untyped-def]
     """Fills L with the lower Cholesky factor of A + damping diag(A)."""
     for i in range(len(A)):
@@ -43,7 +43,7 @@ def factor(A, damping, L):  # type: ignore[no-untyped-def]
             L[i, j] = math.sqrt(max(total, 1e-12)) if i == j else total / L[j, j]
 
 
-@compiled("void(float64[:, ::1], float64[::1], float64[::1])")
+@compiled_part("void(float64[:, ::1], float64[::1], float64[::1])")
 def solve(L, b, x):  # type: ignore[no-untyped-def]
     """Fills x with the solution of L L^T x = b."""
     n = len(b)
@@ -59,10 +59,12 @@ def solve(L, b, x):  # type: ignore[no-untyped-def]
         x[i] = total / L[i, i]
 
 
-@compiled("void(float64[:, ::1], float64[:, ::1])")
+@compiled_part("void(float64[:, ::1], float64[:, ::1])")
 def invert(L, inverse):  # type: ignore[no-untyped-def]
     """Fills inverse with that of L L^T."""
-    unit = np.zeros(len(L))
+    unit = np.empty(len(L))
+    for i in range(len(L)):
+        unit[i] = 0.0
     for i in range(len(L)):
         unit[i] = 1.0
         solve(L, unit, inverse[i])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.detection.subpixel import foerstner, radon, saddle
+from calibrant.detection.subpixel import saddle
 from calibrant.errors import InputError
 
 Array = NDArray[np.float64]
@@ -73,6 +73,11 @@ def refine(
         return saddle.refine(grey, uv, scaled, dark, radius_px=radius, blur_px=blur_px, zero_zone_px=how.zero_zone_px)
     nearest = np.minimum(np.hypot(steps[:, 0], steps[:, 1]), np.hypot(steps[:, 2], steps[:, 3]))
     half = window * nearest
+    # Methods that are not asked for are not compiled.
     if how.method == "foerstner":
+        from calibrant.detection.subpixel import foerstner
+
         return foerstner.refine(grey, uv, half, zero_zone_px=how.zero_zone_px)
+    from calibrant.detection.subpixel import radon
+
     return radon.refine(grey, uv, half if how.window is not None else np.minimum(half, max(RADON_PX, radius_px)))

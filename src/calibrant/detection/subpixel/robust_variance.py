@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.compiled import compiled
+from calibrant.compiled import compiled_part
 
 GROUP_PX = 3.0
 """Length of edge whose errors are taken as one: pixels further apart do not share the raster's effect."""
@@ -21,7 +21,7 @@ LEAST_GROUPS = 150
 """Over all places: the ratio of variances is then known to a tenth, by two axes each. With fewer it is taken for 1."""
 
 
-@compiled("void(float64[:, ::1], float64[::1], float64[:, ::1], int64[::1], int64, float64, float64[::1])")
+@compiled_part("void(float64[:, ::1], float64[::1], float64[:, ::1], int64[::1], int64, float64, float64[::1])")
 def sum_groups(J, r, cofactors, group, count, variance, sums):  # type: ignore[no-untyped-def]
     """Fills sums (3,): over the groups, the squares of sums of g r in variances of (x, y); what noise gives; count.
 
@@ -29,22 +29,26 @@ def sum_groups(J, r, cofactors, group, count, variance, sums):  # type: ignore[n
     """
     p, n = J.shape
     scale = cofactors[0, 0] + cofactors[1, 1]
-    share, taken = np.empty(n), np.zeros((count, p))
-    shift, energy = np.zeros(count), np.zeros(count)
+    share, taken = np.empty(n), np.empty((count, p))
+    shift, energy = np.empty(count), np.empty(count)
     sums[0], sums[1], sums[2] = 0.0, 0.0, count
     for axis in range(2):
-        share[:] = 0.0
+        for k in range(n):
+            share[k] = 0.0
         for i in range(p):
             for k in range(n):
                 share[k] += cofactors[axis, i] * J[i, k]
-        shift[:], energy[:], taken[:] = 0.0, 0.0, 0.0
+        for part in range(count):
+            shift[part], energy[part] = 0.0, 0.0
+            for i in range(p):
+                taken[part, i] = 0.0
         for k in range(n):
             shift[group[k]] += share[k] * r[k]
             energy[group[k]] += share[k] * share[k]
             for i in range(p):
                 taken[group[k], i] += share[k] * J[i, k]
         for part in range(count):
-            sums[0] += shift[part] ** 2 / (variance * scale)
+            sums[0] += shift[part] * shift[part] / (variance * scale)
             sums[1] += energy[part] / scale
             # Residuals are noise less what the fit took of it: g^T (I - J C J^T) g within the group.
             for i in range(p):

@@ -30,7 +30,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.compiled import compiled
+from calibrant.compiled import compiled, compiled_part
 from calibrant.detection.subpixel.blurred_step import step_and_bell
 from calibrant.detection.subpixel.normal_equations import factor, invert, products, solve
 from calibrant.detection.subpixel.robust_variance import GROUP_PX, sum_groups, variance_ratio
@@ -112,7 +112,7 @@ def refine(
     return Refined(fitted[:, :2], sigma[:, 0], np.abs(fitted[:, 6]), sigma[:, 1], np.exp(fitted[:, 4]), ok)
 
 
-@compiled(
+@compiled_part(
     "float64(float64[:, ::1], float64[::1], float64[:, ::1], float64[::1])",
     fastmath={"contract", "reassoc", "arcp", "nsz"},
     forceinline=True,
@@ -162,7 +162,7 @@ def _linearise(window, p, J, residuals):  # type: ignore[no-untyped-def]
     return total
 
 
-@compiled(
+@compiled_part(
     "float64(float64[:, ::1], float64[::1], float64[::1], float64[:, ::1], float64[::1], float64[:, ::1], "
     "float64[::1])",
     forceinline=True,
@@ -175,11 +175,11 @@ def _normal_equations(window, p, prior, J, residuals, JtJ, Jtr):  # type: ignore
         k = PARAMETERS - THIRD_MOMENTS + i
         JtJ[k, k] += prior[i]
         Jtr[k] -= prior[i] * p[k]
-        cost += prior[i] * p[k] ** 2
+        cost += prior[i] * p[k] * p[k]
     return cost
 
 
-@compiled("float64(float64, float64)")
+@compiled_part("float64(float64, float64)")
 def _raster(angle, length):  # type: ignore[no-untyped-def]
     """Deviation of the third moment of an edge in direction `angle`, px^3, averaged over its length, px."""
     along, across = abs(math.cos(angle)), abs(math.sin(angle))
@@ -188,7 +188,7 @@ def _raster(angle, length):  # type: ignore[no-untyped-def]
     return RASTER_PX3 * (abs(math.sin(math.pi * crossed) / (math.pi * crossed)) if crossed > 1e-3 else 1.0)
 
 
-@compiled("int64(uint8[:, ::1], float64[::1], float64[::1], float64, float64, float64[:, ::1])")
+@compiled_part("int64(uint8[:, ::1], float64[::1], float64[::1], float64, float64, float64[:, ::1])")
 def _window(grey, centre, step, radius, zero, window):  # type: ignore[no-untyped-def]
     """Fills u, v and grey (3, count) of the pixels within the window around a centre; returns their count."""
     h, w = grey.shape
@@ -209,52 +209,64 @@ def _window(grey, centre, step, radius, zero, window):  # type: ignore[no-untype
     return count
 
 
-@compiled("void(float64[::1], float64[::1], float64[::1], boolean, float64, float64[::1])")
+@compiled_part("void(float64[::1], float64[::1], float64[::1], boolean, float64, float64[::1])")
 def _start(values, centre, step, dark, blur, p):  # type: ignore[no-untyped-def]
-    """Fills p: edges along the grid's directions, brightness from the window's grey values."""
-    p[:] = 0.0
+    """Fills p, 0 before: edges along the grid's directions, brightness from the window's grey values."""
     p[0], p[1] = centre[0], centre[1]
     p[2], p[3], p[4] = math.atan2(step[1], step[0]), math.atan2(step[3], step[2]), math.log(blur)
-    p[5] = values.mean()
+    total, low, high = 0.0, np.inf, -np.inf
+    for value in values:
+        total += value
+        low, high = min(low, value), max(high, value)
+    p[5] = total / len(values)
     # Between the axes d_a > 0 and d_b < 0: there the model is dark when c is above 0.
-    p[6] = 0.5 * (values.max() - values.min()) * (1.0 if dark else -1.0)
+    p[6] = 0.5 * (high - low) * (1.0 if dark else -1.0)
 
 
-@compiled("float64(float64[:, ::1], float64[::1], float64, float64, float64[::1], float64[:, ::1])", forceinline=True)
+@compiled_part("float64(float64[:, ::1], float64[::1], float64, float64, float64[::1], float64[:, ::1])", forceinline=True)
 def _descend(window, p, most_blur, small_step, prior, JtJ):  # type: ignore[no-untyped-def]
     """Levenberg-Marquardt on p, in place; fills J^T J there; returns the sum of squared residuals."""
     n = window.shape[1]
     Jtr, trial_JtJ, trial_Jtr = np.empty(PARAMETERS), np.empty((PARAMETERS, PARAMETERS)), np.empty(PARAMETERS)
     J, residuals = np.empty((PARAMETERS, n)), np.empty(n)
-    cost = _normal_equations(window, p, prior, J, residuals, JtJ, Jtr)
-    damping = 1e-3
     L, delta, trial = np.empty((PARAMETERS, PARAMETERS)), np.empty(PARAMETERS), np.empty(PARAMETERS)
-    for _ in range(MOST_STEPS):
-        factor(JtJ, damping, L)
-        solve(L, Jtr, delta)
-        trial[:] = p + delta
-        trial[4] = min(max(trial[4], LEAST_LOG_BLUR), math.log(most_blur))
-        moved, promised = abs(delta[0]) + abs(delta[1]), (delta * Jtr).sum()
-        if moved < small_step and promised < SMALL_GAIN * cost:
-            # What such a step changes in J is less than what there is to say about it.
-            p[:] = trial
-            cost -= promised
-            break
+    for i in range(PARAMETERS):
+        trial[i] = p[i]
+    cost, damping, moved, promised = np.inf, 1e-3, np.inf, 0.0
+    # The equations stand in one place of the loop, for they are compiled as often as they stand there.
+    for step in range(MOST_STEPS + 1):
         trial_cost = _normal_equations(window, trial, prior, J, residuals, trial_JtJ, trial_Jtr)
-        if trial_cost < cost:
-            p[:] = trial
+        if step == 0 or trial_cost < cost:
             cost = trial_cost
-            JtJ[:] = trial_JtJ
-            Jtr[:] = trial_Jtr
-            damping *= 0.1
+            for i in range(PARAMETERS):
+                p[i], Jtr[i] = trial[i], trial_Jtr[i]
+                for j in range(PARAMETERS):
+                    JtJ[i, j] = trial_JtJ[i, j]
+            damping *= 0.1 if step > 0 else 1.0
         else:
             damping *= 10.0
             if damping > 1e6 or moved < 0.1 * SMALL_STEP_PX:
                 break
+        if step == MOST_STEPS:
+            break
+        factor(JtJ, damping, L)
+        solve(L, Jtr, delta)
+        promised = 0.0
+        for i in range(PARAMETERS):
+            trial[i] = p[i] + delta[i]
+            promised += delta[i] * Jtr[i]
+        trial[4] = min(max(trial[4], LEAST_LOG_BLUR), math.log(most_blur))
+        moved = abs(delta[0]) + abs(delta[1])
+        if moved < small_step and promised < SMALL_GAIN * cost:
+            # What such a step changes in J is less than what there is to say about it.
+            for i in range(PARAMETERS):
+                p[i] = trial[i]
+            cost -= promised
+            break
     return cost
 
 
-@compiled("void(float64[:, ::1], float64[::1], float64[:, ::1], float64, float64[::1])", forceinline=True)
+@compiled_part("void(float64[:, ::1], float64[::1], float64[:, ::1], float64, float64[::1])", forceinline=True)
 def _sum_pieces(window, p, cofactors, variance, sums):  # type: ignore[no-untyped-def]
     """Fills sums (3,) of `robust_variance`."""
     n = window.shape[1]
@@ -280,30 +292,37 @@ def _fit(grey, uv, steps, dark, radius, blur, zero):  # type: ignore[no-untyped-
     """Parameters (n, 11); (n, 2): standard deviation per axis in px (infinite where it failed) and of grey, taking
     residuals for noise; (n, 3) sums over pieces of edges."""
     n = len(uv)
-    fitted = np.zeros((n, PARAMETERS))
-    sigma = np.full((n, 2), np.inf)
+    fitted, sigma = np.empty((n, PARAMETERS)), np.empty((n, 2))
     side = 2 * int(radius) + 4
     pixels = np.empty((3, side * side))
     JtJ, L = np.empty((PARAMETERS, PARAMETERS)), np.empty((PARAMETERS, PARAMETERS))
-    pieces, cofactors, prior = np.zeros((n, 3)), np.empty((PARAMETERS, PARAMETERS)), np.empty(2)
+    pieces, cofactors, prior = np.empty((n, 3)), np.empty((PARAMETERS, PARAMETERS)), np.empty(2)
     for i in range(n):
+        sigma[i, 0], sigma[i, 1] = np.inf, np.inf
+        pieces[i, 0], pieces[i, 1], pieces[i, 2] = 0.0, 0.0, 0.0
         p, step = fitted[i], steps[i]
+        for k in range(PARAMETERS):
+            p[k] = 0.0
         count = _window(grey, uv[i], step, radius, zero, pixels)
         if count < LEAST_PIXELS:
-            p[:2] = uv[i]
+            p[0], p[1] = uv[i, 0], uv[i, 1]
             continue
-        window = pixels[:, :count].copy()
+        window = np.empty((3, count))
+        for k in range(count):
+            window[0, k], window[1, k], window[2, k] = pixels[0, k], pixels[1, k], pixels[2, k]
         _start(window[2], uv[i], step, dark[i], blur, p)
+        prior[0], prior[1] = 1.0 / (FLAT_PX3 * FLAT_PX3), 1.0 / (FLAT_PX3 * FLAT_PX3)
+        cost, variance = 0.0, 0.0
         # First to where it can be told whether the third moments matter, then all the way.
-        prior[:] = FLAT_PX3**-2
-        cost = _descend(window, p, radius, ROUGH_STEP_PX, prior, JtJ)
-        variance = max(cost / (count - PARAMETERS + THIRD_MOMENTS), LEAST_VARIANCE)
-        length = 2.0 * math.sqrt(count / math.pi)
-        raster_a, raster_b = _raster(p[2], length), _raster(p[3], length)
-        if p[4] > LEAST_LOG_MIXED and max(raster_a, raster_b) > LEAST_RASTER * RASTER_PX3:
-            prior[0], prior[1] = variance / max(raster_a, FLAT_PX3) ** 2, variance / max(raster_b, FLAT_PX3) ** 2
-        cost = _descend(window, p, radius, SMALL_STEP_PX, prior, JtJ)
-        variance = max(cost / (count - PARAMETERS + THIRD_MOMENTS), LEAST_VARIANCE)
+        for stage in range(2):
+            if stage > 0:
+                length = 2.0 * math.sqrt(count / math.pi)
+                raster_a, raster_b = _raster(p[2], length), _raster(p[3], length)
+                if p[4] > LEAST_LOG_MIXED and max(raster_a, raster_b) > LEAST_RASTER * RASTER_PX3:
+                    deviation_a, deviation_b = max(raster_a, FLAT_PX3), max(raster_b, FLAT_PX3)
+                    prior[0], prior[1] = variance / (deviation_a * deviation_a), variance / (deviation_b * deviation_b)
+            cost = _descend(window, p, radius, SMALL_STEP_PX if stage > 0 else ROUGH_STEP_PX, prior, JtJ)
+            variance = max(cost / (count - PARAMETERS + THIRD_MOMENTS), LEAST_VARIANCE)
         JtJ[4, 4] += variance / LOG_BLUR_SIGMA**2
         factor(JtJ, 0.0, L)
         invert(L, cofactors)

@@ -90,7 +90,10 @@ class Source:
     def look_again(self, found: Observations, camera: Camera) -> Observations:
         """The observations with the corners of ChArUco boards that a known camera helps to find; only where photos are
         at hand, and itself where none was found."""
-        if self.observations is not None:
+        from calibrant.targets.registry import parse_target
+
+        # Detectors of other boards are neither loaded nor compiled.
+        if self.observations is not None or parse_target(self.target or "").kind != "charuco":
             return found
         from calibrant.detection.charuco.second_look import look_again
         from calibrant.detection.subpixel.refinement import DEFAULT

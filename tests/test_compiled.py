@@ -16,7 +16,7 @@ from numba import types
 from tests.detection.chessboard_pictures import Lens, facing, picture
 
 import calibrant
-from calibrant.compiled import compiled
+from calibrant.compiled import compiled, compiled_for_pointer, compiled_part
 
 PACKAGE = Path(calibrant.__file__).parent
 CORNERS = """
@@ -35,6 +35,16 @@ def scaled_sum(values, divisor):  # type: ignore[no-untyped-def]
     return total / divisor
 
 
+@compiled_part(types.float64(types.float64))
+def half(value):  # type: ignore[no-untyped-def]
+    return 0.5 * value
+
+
+@compiled_for_pointer(types.float64(types.float64))
+def quarter(value):  # type: ignore[no-untyped-def]
+    return half(half(value))
+
+
 def test_it_computes_what_it_says() -> None:
     assert scaled_sum(np.array([1.0, 2.0]), 2.0) == 1.5
     assert scaled_sum(np.array([1.0]), 0.0) == np.inf
@@ -43,6 +53,48 @@ def test_it_computes_what_it_says() -> None:
 def test_other_types_are_refused() -> None:
     with pytest.raises(TypeError):
         scaled_sum(np.array(["a"]), 1.0)
+
+
+def test_a_part_has_no_way_in_from_python() -> None:
+    assert quarter(8.0) == 2.0
+    with pytest.raises(TypeError):
+        half(8.0)
+
+
+def test_asserts_and_docstrings_do_not_matter_to_the_cache() -> None:
+    script = (
+        "from numba.core import event\n"
+        "class Compilations(event.Listener):\n"
+        "    def on_start(self, e): print(e.data['dispatcher'].py_func.__qualname__)\n"
+        "    def on_end(self, e): pass\n"
+        "event.register('numba:compile', Compilations())\n"
+        "import calibrant.optimize.linear_kernels\n"
+    )
+    for flags in ([], ["-O"], ["-OO"]):  # the first may have to compile
+        done = subprocess.run([sys.executable, *flags, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout == ""
+
+
+def test_numba_is_inside_as_it_was() -> None:
+    """What calibrant/compiled.py and the reprojection's kernels reach into: where this fails, a release of Numba has
+    moved it, and they must follow before pyproject.toml lets that release in."""
+    from numba.core.caching import FunctionCache
+    from numba.core.registry import CPUDispatcher
+    from numba.core.runtime import rtsys
+    from numba.core.target_extension import current_target
+    from numba.experimental.function_type import _get_wrapper_address
+
+    assert current_target() == "cpu"
+    assert isinstance(quarter, CPUDispatcher), "njit makes another kind of object"
+    assert isinstance(quarter._cache, FunctionCache), "a dispatcher keeps its cache elsewhere"
+    assert hasattr(quarter.targetctx, "refresh"), "a dispatcher keeps its target context elsewhere"
+    assert callable(rtsys.initialize), "the runtime is made ready in another way"
+    assert callable(CPUDispatcher._insert), "calls from Python are looked up in another way"
+    (result,) = quarter.overloads.values()
+    key = FunctionCache(quarter.py_func)._index_key(result.signature, quarter.targetctx.codegen())
+    signature, _, (_, closure) = key
+    assert (signature, len(closure)) == (result.signature, 64), "the cache's key has another form"
+    assert _get_wrapper_address(quarter, result.signature) > 0, "functions have no address to call them at"
 
 
 def test_a_function_in_the_cache_loads_without_the_compiler() -> None:

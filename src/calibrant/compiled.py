@@ -4,6 +4,9 @@ Before it looks into its cache, Numba brings the implementations of all of Pytho
 linear algebra among them: half a second. A function that is found there needs none of them, only Numba's runtime to
 link against. One that is not found is compiled as ever: the compiler brings them itself.
 
+What is reached here of Numba's inside, tests/test_compiled.py names and tries: `_cache`, `_insert`, `targetctx`,
+`FunctionCache._index_key`. pyproject.toml bounds Numba's version from above for that reason.
+
 A first run waits for all that it compiles, so each function says who calls it, and gets no other way in: a wrapper is
 as much to compile as a small function, and holds a copy of one that is inlined. Kernels copy arrays element by element
 where that is as short: `a[:] = b` brings the sentence about shapes that do not fit, and with it all of Python's strings.
@@ -20,6 +23,7 @@ from collections.abc import Callable
 from typing import Any
 
 from numba import njit
+from numba.core.caching import FunctionCache
 from numba.core.runtime import rtsys
 
 Decorator = Callable[[Callable[..., Any]], Any]
@@ -58,7 +62,8 @@ def _decorator(signature: Any, **options: Any) -> Decorator:
 
 def _from_cache(function: Callable[..., Any], signature: Any, options: dict[str, Any]) -> Any:
     """A dispatcher with the function of the cache, or with a new one that the cache then holds."""
-    dispatcher = njit(cache=True, nogil=True, error_model="numpy", **options)(function)
+    dispatcher = njit(nogil=True, error_model="numpy", **options)(function)
+    dispatcher._cache = _KernelCache(function)
     if options.get("no_cpython_wrapper"):
         dispatcher._insert = _no_entry
     target = dispatcher.targetctx
@@ -72,6 +77,18 @@ def _from_cache(function: Callable[..., Any], signature: Any, options: dict[str,
 
 def _no_entry(types: Any, function: Any, objectmode: bool) -> None:
     """In place of Numba's table of what a call from Python may lead to: the way in was not compiled."""
+
+
+class _KernelCache(FunctionCache):
+    """Numba's cache of a function on disk, the same with and without asserts and docstrings (python -O, -OO).
+
+    Numba tells functions of a file apart by line and name, and by their bytecode, where docstrings are counted as well.
+    A kernel stands in its file alone, whose change of time or size empties the cache.
+    """
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        signature, machine, (_, closure) = super()._index_key(sig, codegen)
+        return signature, machine, closure
 
 
 class _Linking:

@@ -17,6 +17,7 @@ FLOOR = {
     "errors": 0,
     "cancel": 0,
     "compiled": 0,
+    "compiled_beside": 0,
     "version": 0,
     "executors": 0,
     "geometry": 0,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,25 +16,30 @@ if TYPE_CHECKING:
     from calibrant.data import CalibrationResult, Observations
     from calibrant.detection.subpixel.refinement import Refinement
 
-_LOADING = "Loading the solver (the first run compiles it, which takes up to a minute) …"
+_LOADING = "Loading the solver (the first run compiles it, which takes half a minute) …"
+POSE_SOLVER = ("calibrant.optimize.linear_kernels", "calibrant.optimize.pose_kernels")
+"""Modules of the kernels for poses alone."""
+SOLVER = (
+    "calibrant.calibrate.reprojection.kernels",
+    "calibrant.calibrate.classical.planar_kernels",
+    *POSE_SOLVER,
+    "calibrant.cameras.kernels.brown_rows",
+)
+"""Modules of the kernels for photos, and of the camera model that is asked for most."""
 
 
 def load_solver(listener: Listener = SILENT) -> None:
     """Load the kernels for photos; the first run on a machine compiles them, which a person should know."""
     with listener.status(_LOADING):
-        from calibrant.calibrate.classical import planar_kernels
-        from calibrant.calibrate.reprojection import kernels as reprojection_kernels
-        from calibrant.optimize import linear_kernels
-
-        _ = (planar_kernels, reprojection_kernels, linear_kernels)
+        for module in SOLVER:
+            import_module(module)
 
 
 def load_pose_solver(listener: Listener = SILENT) -> None:
     """Load the kernels for poses alone, which are far fewer than those for photos."""
     with listener.status(_LOADING):
-        from calibrant.optimize import linear_kernels, pose_kernels
-
-        _ = (linear_kernels, pose_kernels)
+        for module in POSE_SOLVER:
+            import_module(module)
 
 
 def file_records(files: Iterable[str | Path]) -> tuple[dict[str, str], ...]:
@@ -58,6 +64,7 @@ def detect_boards(
     listener: Listener = SILENT,
 ) -> Observations:
     """Find the target in every file, with progress. Args: cache: as `cache_folder` takes it."""
+    from calibrant.compiled_beside import compiled_beside
     from calibrant.detection import detect
     from calibrant.detection.subpixel.refinement import DEFAULT
     from calibrant.targets.point_folder import PointFolder
@@ -67,17 +74,22 @@ def detect_boards(
     wanted = parse_target(target)
     if isinstance(wanted, PointFolder):
         return read_beside(files, wanted, mirror_x=mirror_x, camera=camera)
-    with listener.progress("Finding boards") as step:
-        return detect(
-            files,
-            target=wanted,
-            mirror_x=mirror_x,
-            workers=workers,
-            camera=camera,
-            cache=cache_folder(cache),
-            refinement=refinement or DEFAULT,
-            progress=step,
-        )
+    with compiled_beside(*SOLVER) as other:
+        with listener.progress("Finding boards") as step:
+            found = detect(
+                files,
+                target=wanted,
+                mirror_x=mirror_x,
+                workers=workers,
+                camera=camera,
+                cache=cache_folder(cache),
+                refinement=refinement or DEFAULT,
+                progress=step,
+            )
+        if other.runs:
+            with listener.status(_LOADING):
+                other.wait()
+    return found
 
 
 def cache_folder(given: str | None) -> Path | None:

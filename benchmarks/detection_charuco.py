@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.detection.charuco.detector import CharucoDetector
-from calibrant.detection.images.images import expand, load_grey
+from calibrant.detection.images.files import expand
+from calibrant.detection.images.images import load_grey
 from calibrant.detection.images.video import frames
 from calibrant.detection.opencv import charuco_corners
 from calibrant.targets.charuco import Charuco

@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.detection.chessboard.detector import ChessboardDetector
-from calibrant.detection.images.images import expand, load_grey
+from calibrant.detection.images.files import expand
+from calibrant.detection.images.images import load_grey
 from calibrant.detection.pipeline import detect
 from calibrant.targets.chessboard import Chessboard
 

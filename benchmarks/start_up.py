@@ -59,7 +59,9 @@ def cases(photos: Sequence[Path], folder: Path) -> list[Case]:
         Case(f"intrinsics, {len(images)} photos", ("intrinsics", *images, "--target", BOARD, "--quiet"), cold=True),
         Case("target", ("target", BOARD, "--out", str(folder / "board.svg"), "--force", "--quiet")),
         Case(
-            f"hand-eye, {PAIRS} pose pairs", ("hand-eye", "--poses", robot, "--target-poses", target, "--quiet"), cold=True
+            f"hand-eye, {PAIRS} pose pairs",
+            ("hand-eye", "--poses", robot, "--target-poses", target, "--quiet"),
+            cold=True,
         ),
     ]
 

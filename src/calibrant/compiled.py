@@ -9,7 +9,7 @@ What is reached here of Numba's inside, tests/test_compiled.py names and tries: 
 
 A first run waits for all that it compiles, so each function says who calls it, and gets no other way in: a wrapper is
 as much to compile as a small function, and holds a copy of one that is inlined. Kernels copy arrays element by element
-where that is as short: `a[:] = b` brings the sentence about shapes that do not fit, and with it all of Python's strings.
+where that is as short: `a[:] = b` brings a sentence about shapes that do not fit, and with it all of Python's strings.
 
 The same picture gives the same digits in every process, although each holds some functions that it compiled and some
 that another did. Where `fastmath` lets sums be reordered, that takes two things. Such a function, and each that calls

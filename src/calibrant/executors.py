@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor, wait
+from concurrent.futures import Executor, wait
 from contextlib import contextmanager
-from multiprocessing import get_context
 from typing import TypeVar
 
 from calibrant.cancel import checkpoint
@@ -45,6 +44,9 @@ def executor_for(workers: int | str | Executor | None, count: int) -> Iterator[E
     if min(number, count) <= 1:
         yield None
         return
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
     # Fresh processes: a fork would copy the threads' locks of libraries that this process has already used.
     pool = ProcessPoolExecutor(min(number, count), mp_context=get_context("spawn"))
     patient = True

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from calibrant.detection.detection import Detection
-from calibrant.detection.images.video import frame_of
+from calibrant.detection.images.files import frame_of
 from calibrant.detection.subpixel.refinement import DEFAULT, Refinement
 from calibrant.errors import InputError
 from calibrant.opencv import cv2

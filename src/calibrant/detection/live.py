@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.detection.detection import Detection
-from calibrant.detection.images.images import expand, load_grey, to_grey8
-from calibrant.detection.images.video import EXTENSIONS as VIDEOS
+from calibrant.detection.images.files import VIDEOS, expand
+from calibrant.detection.images.images import load_grey, to_grey8
 from calibrant.errors import InputError
 from calibrant.geometry.projective import apply_homography, homography
 from calibrant.opencv import cv2

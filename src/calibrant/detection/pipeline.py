@@ -17,10 +17,11 @@ from calibrant.data import DEFAULT_CAMERA, Missed, Observations, View
 from calibrant.data.file_names import distinct_names
 from calibrant.detection.cache import Cache, key_of
 from calibrant.detection.detection import Detection
+from calibrant.detection.images.files import expand
 from calibrant.detection.images.header import UPRIGHT, WORDS
-from calibrant.detection.images.images import expand, load_grey, orientation_of
+from calibrant.detection.images.images import load_grey, orientation_of
 from calibrant.detection.images.likeness import notes_on_likeness
-from calibrant.detection.registry import detector_for
+from calibrant.detection.registry import check_choice, detector_for
 from calibrant.detection.subpixel.refinement import DEFAULT, Refinement
 from calibrant.errors import DetectionError, InputError
 from calibrant.executors import executor_for, in_order
@@ -72,7 +73,7 @@ def detect(
     target.
     """
     wanted = parse_target(target) if isinstance(target, str) else target
-    detector_for(wanted.kind, refinement)  # options that do not go together are said before anything is read
+    check_choice(wanted.kind, refinement)  # options that do not go together are said before anything is read
     files = expand(images)
     kept = None if cache is None else Cache.at(cache)
     done = []
@@ -166,6 +167,8 @@ def _run(
         if executor is None:
             results: Iterator[ImageDetection] = (one for file in todo for one in search([file]))
         else:
+            # What is not compiled yet is compiled here, once, and not by each of the processes.
+            detector_for(target.kind, refinement)
             together = max(1, min(MOST_TOGETHER, len(todo) // LEAST_TASKS))
             results = in_order(executor, search, [todo[i : i + together] for i in range(0, len(todo), together)])
         for result in results:

@@ -22,20 +22,24 @@ REFINED = ("chessboard", "charuco")
 """Kinds whose corners can be measured by several methods."""
 
 
-def detector_for(kind: str, refinement: Refinement = DEFAULT) -> Detector:
-    """The detector of a kind of target.
-
-    Args: refinement: how the corners of chessboards and ChArUco boards are measured.
-    Raises: InputError listing the kinds that can be detected, or for a refinement of a kind that has no choice of them.
-    """
+def check_choice(kind: str, refinement: Refinement) -> None:
+    """Raises: InputError listing the kinds that can be detected, or for a refinement of a kind that has no choice."""
     if kind not in DETECTORS:
         raise InputError(f"no detector for targets of kind {kind!r}; there are detectors for: {', '.join(DETECTORS)}")
-    module, name = DETECTORS[kind].split(":")
     if refinement != DEFAULT and kind not in REFINED:
         raise InputError(
             f"--refine, --window and --zero-zone are for the corners of {' and '.join(REFINED)} targets; the points of "
             f"{kind} are measured in their own way: leave the options out"
         )
+
+
+def detector_for(kind: str, refinement: Refinement = DEFAULT) -> Detector:
+    """The detector of a kind of target. refinement: how the corners of chessboards and ChArUco boards are measured.
+
+    Raises: as `check_choice`.
+    """
+    check_choice(kind, refinement)
+    module, name = DETECTORS[kind].split(":")
     found = getattr(import_module(module), name)
     detector: Detector = found(refinement) if kind in REFINED else found()
     return detector

@@ -11,7 +11,8 @@ import pytest
 from tests.detection.chessboard_pictures import Lens, facing, picture
 
 from calibrant.detection import detect
-from calibrant.detection.images.images import EXTENSIONS, expand, load_grey, load_image, orientation_of, to_grey8
+from calibrant.detection.images.files import EXTENSIONS, expand
+from calibrant.detection.images.images import load_grey, load_image, orientation_of, to_grey8
 from calibrant.detection.pipeline import notes_on_orientation
 from calibrant.errors import InputError
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from calibrant.detection import detect
-from calibrant.detection.images.images import expand, load_grey
+from calibrant.detection.images.files import expand
+from calibrant.detection.images.images import load_grey
 from calibrant.errors import InputError
 
 COUNT, SHARP = 12, (2, 7, 9)

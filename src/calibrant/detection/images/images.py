@@ -1,10 +1,7 @@
-"""Read images upright, in grey or as they are, and lists of images from names, patterns and folders."""
+"""Read images upright, in grey or as they are."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable
-from glob import glob, has_magic
 from pathlib import Path
 from typing import Any
 
@@ -12,58 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.detection.images import header as image_header
-from calibrant.detection.images.video import frame_of, frames, read_frame, video_of
+from calibrant.detection.images.files import frame_of
+from calibrant.detection.images.video import read_frame
 from calibrant.errors import InputError
 from calibrant.opencv import cv2
 
-EXTENSIONS = (
-    *(".png", ".jpg", ".jpeg", ".jpe", ".bmp", ".dib", ".tif", ".tiff", ".webp", ".jp2"),
-    *(".pbm", ".pgm", ".ppm", ".pnm", ".sr", ".ras", ".gif"),
-)
-"""What a folder is searched for; a file that is named is read whatever its name."""
 _SUN_RASTER = b"\x59\xa6\x6a\x95"
-
-
-def expand(paths: Iterable[str | Path] | str | Path) -> list[Path]:
-    """Image files of names, patterns (`images/*.png`), folders and videos, in the order given, numbers by value.
-
-    A video stands for its frames, video.mp4@5 for the sharpest of every five.
-    A file that is named twice is taken once.
-    Raises: InputError naming the file, pattern or folder that gives no image.
-    """
-    files: list[Path] = []
-    for item in [paths] if isinstance(paths, str | Path) else paths:
-        files += _expand_one(Path(item).expanduser())
-    if not files:
-        raise InputError("no images were given; name image files, a pattern such as 'images/*.png', or a folder")
-    unique = {file.resolve(): file for file in reversed(files)}
-    return [file for file in dict.fromkeys(files) if unique[file.resolve()] is file]
-
-
-def natural_key(path: Path) -> list[tuple[int, int, str]]:
-    """Sorts 2.png before 10.png."""
-    parts = re.split(r"(\d+)", str(path))
-    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in parts]
-
-
-def _expand_one(path: Path) -> list[Path]:
-    if path.is_dir():
-        inside = [p for p in path.iterdir() if p.suffix.lower() in EXTENSIONS and p.is_file()]
-        if not inside:
-            raise InputError(f"the folder {path} holds no images; looked for {', '.join(EXTENSIONS)}")
-        return sorted(inside, key=natural_key)
-    video = video_of(path)
-    if video is not None:
-        return frames(*video)
-    if path.exists() or frame_of(path) is not None:
-        return [path]
-    if has_magic(str(path)):
-        matches = [Path(p) for p in glob(str(path), recursive=True)]
-        found = [p for p in matches if p.is_file()]
-        if not found:
-            raise InputError(f"no file matches {path}")
-        return [file for match in sorted(found, key=natural_key) for file in _expand_one(match)]
-    raise InputError(f"image {path} does not exist")
 
 
 def load_grey(path: str | Path) -> NDArray[np.uint8]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from calibrant.data import View
 
@@ -49,12 +48,16 @@ def _to_earlier(views: Sequence[View], reach_px: float) -> list[float]:
         return [np.inf] * len(views)
     # Two points tell nearly all views apart; only what they leave is compared in full.
     ends = np.array([np.concatenate([view.uv[0], view.uv[-1]]) for view in views])
-    tree = cKDTree(ends)
+    order = np.argsort(ends[:, 0])
+    first = np.searchsorted(ends[order, 0], ends[:, 0] - reach_px, side="left")
+    after = np.searchsorted(ends[order, 0], ends[:, 0] + reach_px, side="right")
     distances = []
     for i, view in enumerate(views):
-        before = [j for j in tree.query_ball_point(ends[i], reach_px, p=np.inf) if j < i]
+        near = order[first[i] : after[i]]
+        near = near[near < i]
+        before = near[np.abs(ends[near] - ends[i]).max(axis=1, initial=0.0) <= reach_px]
         shortest = np.inf
-        for j in before:
+        for j in before.tolist():
             shortest = min(shortest, float(np.abs(view.uv - views[j].uv).max()))
             if shortest <= SAME_PX:
                 break

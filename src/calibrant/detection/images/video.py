@@ -7,7 +7,6 @@ from the start.
 
 from __future__ import annotations
 
-import re
 from functools import lru_cache
 from pathlib import Path
 
@@ -17,36 +16,10 @@ from numpy.typing import NDArray
 from calibrant.errors import InputError
 from calibrant.opencv import cv2
 
-EXTENSIONS = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv")
 MOST_FRAMES = 300
 """More views of a board that moves before a camera repeat what is known already."""
 SHARPNESS_SIDE_PX = 320
 """Sharpness is compared in pictures of about this many pixels: focus and motion blur show, noise averages out."""
-
-_EVERY = re.compile(r"(?P<file>.+)@(?P<every>\d+)")
-_FRAME = re.compile(r"\d{6,}")
-
-
-def video_of(path: Path) -> tuple[Path, int | None] | None:
-    """The video and n of a path to a video, with or without @n; None when it is none."""
-    if path.suffix.lower() in EXTENSIONS and path.is_file():
-        return path, None
-    match = _EVERY.fullmatch(str(path))
-    if match is None or Path(match["file"]).suffix.lower() not in EXTENSIONS:
-        return None
-    if not Path(match["file"]).is_file():
-        raise InputError(f"video {match['file']} does not exist")
-    if int(match["every"]) < 1:
-        raise InputError(f"{path}: the number after @ says of how many frames one is taken; it is at least 1")
-    return Path(match["file"]), int(match["every"])
-
-
-def frame_of(path: Path) -> tuple[Path, int] | None:
-    """The video and frame number of a frame's name; None when it is none."""
-    video = path.parent
-    if not _FRAME.fullmatch(path.name) or video.suffix.lower() not in EXTENSIONS or not video.is_file():
-        return None
-    return video, int(path.name)
 
 
 def frames(video: Path, every: int | None = None) -> list[Path]:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.detection.subpixel import saddle
 from calibrant.errors import InputError
+
+if TYPE_CHECKING:
+    from calibrant.detection.subpixel.saddle import Refined
 
 Array = NDArray[np.float64]
 
@@ -58,13 +61,16 @@ def refine(
     most: float = MOST_WINDOW,
     radius_px: float = 6.0,
     blur_px: float = 1.0,
-) -> saddle.Refined:
+) -> Refined:
     """Corners near uv (n, 2), measured as asked for.
 
     Args: steps (n, 4) px: ux, uy to the next corner along the row and vx, vy along the column; dark (n,): colour of the
     square towards both; most: the largest window that holds nothing but the corner, over the steps; radius_px: half
     width of the window in pixels where none was asked for; blur_px: the blur to start from.
     """
+    # Kernels are loaded when something is measured, and methods that are not asked for never.
+    from calibrant.detection.subpixel import saddle
+
     window = min(how.window if how.window is not None else saddle.WINDOW, most)
     if how.method == "saddle":
         scaled = steps * (window / saddle.WINDOW)
@@ -73,7 +79,6 @@ def refine(
         return saddle.refine(grey, uv, scaled, dark, radius_px=radius, blur_px=blur_px, zero_zone_px=how.zero_zone_px)
     nearest = np.minimum(np.hypot(steps[:, 0], steps[:, 1]), np.hypot(steps[:, 2], steps[:, 3]))
     half = window * nearest
-    # Methods that are not asked for are not compiled.
     if how.method == "foerstner":
         from calibrant.detection.subpixel import foerstner
 

@@ -223,7 +223,9 @@ def _start(values, centre, step, dark, blur, p):  # type: ignore[no-untyped-def]
     p[6] = 0.5 * (high - low) * (1.0 if dark else -1.0)
 
 
-@compiled_part("float64(float64[:, ::1], float64[::1], float64, float64, float64[::1], float64[:, ::1])", forceinline=True)
+@compiled_part(
+    "float64(float64[:, ::1], float64[::1], float64, float64, float64[::1], float64[:, ::1])", forceinline=True
+)
 def _descend(window, p, most_blur, small_step, prior, JtJ):  # type: ignore[no-untyped-def]
     """Levenberg-Marquardt on p, in place; fills J^T J there; returns the sum of squared residuals."""
     n = window.shape[1]

@@ -132,7 +132,7 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
 
 
 def _photos(request: Request) -> list[Path]:
-    from calibrant.detection.images.images import expand
+    from calibrant.detection.images.files import expand
 
     return expand(list(request.images)) if request.out is not None else []
 
@@ -183,7 +183,7 @@ def _targets(files: Sequence[Path], request: Request) -> dict[Path, Path]:
 
 def _picture_name(file: Path) -> str:
     """Name of the picture: the photo's; of a video's frame, both names; PNG where OpenCV does not write the format."""
-    from calibrant.detection.images.video import frame_of
+    from calibrant.detection.images.files import frame_of
     from calibrant.opencv import cv2
 
     if frame_of(file) is not None:

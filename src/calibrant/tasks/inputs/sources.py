@@ -54,7 +54,7 @@ class Source:
             )
         if self.target is None:
             raise InputError("photos need the board they show: --target, such as chessboard:9x6:25mm")
-        from calibrant.detection.images.images import expand
+        from calibrant.detection.images.files import expand
         from calibrant.targets.registry import parse_target
 
         parse_target(self.target)  # a misspelt board is said before anything else is looked at

@@ -89,7 +89,7 @@ class Taken:
 
 def reads(request: Request) -> list[str | Path]:
     """Both cameras' files, the photos, the poses, and the robot's file."""
-    from calibrant.detection.images.images import expand
+    from calibrant.detection.images.files import expand
 
     photos = expand([*request.wrist_images, *request.external_images])
     return [request.wrist, request.camera, *request.poses, *photos, *request.arm.files]
@@ -188,7 +188,7 @@ def take_in(
 
 
 def _boards(request: Request, images: Sequence[str], camera: str, listener: Listener) -> Observations:
-    from calibrant.detection.images.images import expand
+    from calibrant.detection.images.files import expand
 
     files = expand(list(images))
     found = session.detect_boards(

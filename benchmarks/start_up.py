@@ -176,7 +176,7 @@ def main() -> None:
         for case in chosen:
             cold = []
             for k in range(options.cold if case.cold else 0):
-                cold.append(run(case, folder / f"cold{k}"))
+                cold.append(run(case, folder / f"cold {case.name.split()[0]} {k}"))
             run(case, folder)
             warm = least([run(case, folder) for _ in range(options.runs)])
             first = f"{least(cold).wall:.1f} | {least(cold).cpu:.1f}" if cold else " | "

@@ -13,7 +13,7 @@ scipy.special has the same, and takes as long to load as the calibration of twen
 
 from __future__ import annotations
 
-from math import exp, inf, lgamma, log
+from math import exp, inf, lgamma, log, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -48,9 +48,10 @@ def chi2_tail(freedom: float, value: float) -> float:
     if x == inf:
         return 0.0
     front = exp(a * log(x) - x - lgamma(a))
+    terms = TERMS + int(10 * sqrt(a))
     if x < a + 1:
         term = total = 1 / a
-        for k in range(1, TERMS):
+        for k in range(1, terms):
             term *= x / (a + k)
             total += term
             if term < _SETTLED * total:
@@ -58,7 +59,7 @@ def chi2_tail(freedom: float, value: float) -> float:
         return 1 - front * total
     b, c = x + 1 - a, 1 / _TINY
     d = h = 1 / b
-    for k in range(1, TERMS):
+    for k in range(1, terms):
         b += 2
         d = 1 / (k * (a - k) * d + b)
         c = b + k * (a - k) / c

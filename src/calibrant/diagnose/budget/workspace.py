@@ -24,7 +24,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaincinv
 
 from calibrant.cameras import Camera
 from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Check, Measured, verdict_of
@@ -174,6 +173,8 @@ def sigma_mm(C: Array) -> Array:
 
 def radius_mm(C: Array, confidence: float = CONFIDENCE) -> Array:
     """Radius that holds a share of the errors N(0, C), millimetres; C (..., 3, 3) metres^2. See the module."""
+    from scipy.special import gammaincinv  # heavy, and needed only where a workspace was asked for
+
     values = np.maximum(np.linalg.eigvalsh(C), 0.0)
     first = values.sum(axis=-1)
     second = np.maximum(np.sum(values**2, axis=-1), np.finfo(float).tiny)

@@ -17,6 +17,7 @@ from calibrant.diagnose.doctor.evidence.case import Case
 from calibrant.diagnose.doctor.evidence.finding import Finding
 from calibrant.errors import CalibrantError
 from calibrant.geometry import se3
+from calibrant.optimize.chances import t_tail
 
 if TYPE_CHECKING:
     from calibrant.targets.charuco import Charuco
@@ -26,6 +27,7 @@ Array = NDArray[np.float64]
 PICTURES = 2
 """Pictures looked at again: each shows a dozen markers, and their corners are searched anew."""
 UNSURE_PX, UNSURE_SHARE = 1.0, 0.03
+SURE = 0.999
 """Overexposed paper eats up to half a pixel of ink on each side; 3 % on top is a printed size."""
 REACH_CELLS = 0.8
 """Profiles across an edge stay within the marker's border, one cell wide, and as far off the next square."""
@@ -42,12 +44,11 @@ def examine(case: Case) -> list[Finding]:
     found, pixels = (np.concatenate([np.zeros(0), *part]) for part in zip(*measured))
     if len(found) < LEAST_SIDES:
         return []
-    from scipy.special import stdtrit
-
     value = float(np.median(found))
     sigma = 1.4826 * float(np.median(np.abs(found - value))) / np.sqrt(len(found))
     unsure = UNSURE_SHARE + UNSURE_PX / float(np.median(pixels))
-    if abs(value - 1) < max(unsure, sigma * float(stdtrit(len(found) - 1, 0.999))):
+    away = abs(value - 1)
+    if away < unsure or (sigma > 0 and t_tail(len(found) - 1, away / sigma) > 1 - SURE):
         return []
     message = (
         f"the markers measure {1e3 * value * target.marker:.3g} +- {1e3 * sigma * target.marker:.1g} mm if the squares "
@@ -55,7 +56,7 @@ def examine(case: Case) -> list[Finding]:
         "corners of the squares alone and is not affected"
     )
     return [
-        Finding("marker-size", "warn", message, 0.999, measured=Measured(value * target.marker, sigma * target.marker),
+        Finding("marker-size", "warn", message, SURE, measured=Measured(value * target.marker, sigma * target.marker),
                 proposal="measure a marker and correct the target's spec")
     ]  # fmt: skip
 

@@ -27,8 +27,9 @@ Array = NDArray[np.float64]
 PICTURES = 2
 """Pictures looked at again: each shows a dozen markers, and their corners are searched anew."""
 UNSURE_PX, UNSURE_SHARE = 1.0, 0.03
-SURE = 0.999
 """Overexposed paper eats up to half a pixel of ink on each side; 3 % on top is a printed size."""
+SURE = 0.999
+"""Probability that a difference is no chance, for it to be said."""
 REACH_CELLS = 0.8
 """Profiles across an edge stay within the marker's border, one cell wide, and as far off the next square."""
 LEAST_SIDES = 12

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from calibrant.tasks.verbs import dynamic as dynamic
     from calibrant.tasks.verbs import hand_eye as hand_eye
     from calibrant.tasks.verbs import intrinsics as intrinsics
+    from calibrant.tasks.verbs import next_pose as next_pose
     from calibrant.tasks.verbs import time_offset as time_offset
     from calibrant.tasks.verbs import tool_seen as tool_seen
     from calibrant.tasks.verbs import tool_self_visibility as tool_self_visibility
@@ -65,6 +66,7 @@ _PUBLIC = {
     "geometry": ("calibrant.geometry", ""),
     "hand_eye": ("calibrant.tasks.verbs", "hand_eye"),
     "intrinsics": ("calibrant.tasks.verbs", "intrinsics"),
+    "next_pose": ("calibrant.tasks.verbs", "next_pose"),
     "parse_target": ("calibrant.targets.registry", "parse_target"),
     "read": ("calibrant.data.result_file", "read_result"),
     "time_offset": ("calibrant.tasks.verbs", "time_offset"),

@@ -44,7 +44,7 @@ def test_plan_from_nothing(result: Path, tmp_path: Path, capsys: pytest.CaptureF
 
 def test_next_pose_after_a_result(result: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["next-pose", "--robot", "ur5e", "--result", str(result), "--target", TARGET, *NEAR, "--json"]) == 0
-    plan = json.loads(capsys.readouterr().out)
+    plan = json.loads(capsys.readouterr().out)["details"]["plan"]
     assert len(plan["poses"]) == 1
     assert plan["poses"][0]["sigma_mm"] < plan["before"]["sigma_mm"]
 

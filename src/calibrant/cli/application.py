@@ -21,7 +21,6 @@ LEGACY = {
     "demo": "The whole chain on a simulated robot cell.",
     "capture": "Take views from a running camera until it is known.",
     "kinematics": "Identify and correct a robot's geometry.",
-    "next-pose": "Say which poses to take next, or from the start.",
 }
 """Commands that are no tasks yet; each leaves this list when it becomes one."""
 ORDER = (

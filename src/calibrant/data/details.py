@@ -140,6 +140,38 @@ class PictureRegion:
     height: int
 
 
+@dataclass(frozen=True)
+class Expectation:
+    """How well something will be known: 1 sigma along its worst direction and the radius of 95 % of the errors, mm."""
+
+    sigma_mm: float
+    radius_95_mm: float
+
+
+@dataclass(frozen=True)
+class PlannedPose:
+    """A pose to take: T_base_gripper (metres, quaternion), joint values (rad or m), and what is known after it, mm."""
+
+    image: str
+    position_m: Triple
+    quaternion_xyzw: tuple[float, float, float, float]
+    joints: Mapping[str, float]
+    sigma_mm: float
+    radius_95_mm: float
+
+
+@dataclass(frozen=True)
+class ViewPlan:
+    """Which poses to take. asked: what is to be known, in words; before: how well it is known without them; units:
+    "rad" or "m" of each joint; obstacles: whether the poses were checked against what the arm must not hit."""
+
+    asked: str
+    before: Expectation
+    poses: tuple[PlannedPose, ...]
+    units: Mapping[str, str]
+    obstacles: bool = False
+
+
 DETAILS: Mapping[str, type] = {
     "robot_parameters": RobotParameters,
     "joint_axes": JointAxes,
@@ -148,5 +180,6 @@ DETAILS: Mapping[str, type] = {
     "deviations": Deviations,
     "touched_point": TouchedPoint,
     "valid_region": PictureRegion,
+    "plan": ViewPlan,
 }
 """The key of each record in a result file."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from calibrant.calibrate.solvers.setup import Setup
 from calibrant.cameras import Camera
+from calibrant.cancel import checkpoint
 from calibrant.diagnose.next_pose.obstacles import Geometry
 from calibrant.errors import RefusedError
 from calibrant.geometry import se3, so3
@@ -89,6 +90,7 @@ def candidates(
     kept: list[Candidates] = []
     tally = np.zeros(4, dtype=np.int64)  # drawn, in view, reached, clear
     for _ in range(_ROUNDS):
+        checkpoint()
         B = _board_views(points, _DRAWN * count, camera, wanted, rng)
         visible = in_view(camera, points, B)
         seen = visible.mean(axis=1) >= wanted.in_view
@@ -151,6 +153,7 @@ def _reached(chain: KinematicChain, T_base_gripper: Array, rng: np.random.Genera
     n = len(T_base_gripper)
     q, reached = np.zeros((n, len(middle))), np.zeros(n, dtype=np.bool_)
     for _ in range(_STARTS):
+        checkpoint()
         rest = np.flatnonzero(~reached)
         if not len(rest):
             break

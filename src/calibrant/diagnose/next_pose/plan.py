@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from calibrant.calibrate.solvers.setup import Setup
 from calibrant.cameras import Camera
+from calibrant.cancel import checkpoint
 from calibrant.data import CalibrationResult, View
 from calibrant.diagnose.budget.single import LEVELS, TARGET, NoiseLevels, error_budget, view_information
 from calibrant.diagnose.budget.workspace import point_jacobian, radius_mm, sigma_mm
@@ -185,6 +186,7 @@ def _scores(H: Array, S: Array, W: Array) -> Array:
 def _greedy(H: Array, S: Array, W: Array, count: int) -> list[int]:
     rows: list[int] = []
     for _ in range(count):
+        checkpoint()
         scores = _scores(H, S, W)
         scores[rows] = np.inf  # the same view again tells little of what differs from view to view
         best = int(np.argmin(scores))
@@ -199,6 +201,7 @@ def _exchanged(H: Array, S: Array, W: Array, rows: Sequence[int]) -> list[int]:
     for _ in range(MAX_PASSES):
         changed = False
         for k in range(len(chosen)):
+            checkpoint()
             others = [r for i, r in enumerate(chosen) if i != k]
             scores = _scores(H + S[others].sum(axis=0), S, W)
             scores[others] = np.inf

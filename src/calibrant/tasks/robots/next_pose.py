@@ -1,94 +1,146 @@
-"""What `calibrant next-pose` does: read what is known, draw candidates, plan, and say it."""
+"""Plan the poses to take next, or from the start: read what is known, draw candidates, choose."""
 
 from __future__ import annotations
 
-import json as json_format
-import sys
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
-from numpy.typing import NDArray
-
-from calibrant.cli import session
-from calibrant.cli.options import pixels
 from calibrant.errors import InputError
-from calibrant.tasks.inputs.placement import parse_angle, parse_noise, parse_placement, parse_range
+from calibrant.tasks import session
+from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.option import Option
+from calibrant.tasks.options.words import pixels
+from calibrant.tasks.outcome import Document, Outcome
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from calibrant.data import CalibrationResult
+    from calibrant.data.details import PlannedPose, ViewPlan
+    from calibrant.diagnose.next_pose.candidates import Wishes
     from calibrant.diagnose.next_pose.plan import Goal, Knowledge, Plan
     from calibrant.robots.geometry import ParametricChain
 
-Array = NDArray[np.float64]
+    Array = NDArray[np.float64]
 
+EXAMPLE = 'cb.next_pose(robot="ur5e", result="hand-eye.json", count=3)'
 DEFAULT_COUNT = 10
 GOALS = ("point", "camera")
-UNDETERMINED_MM = 100.0
-"""What is known to no better than this was not determined: before the first views nothing is known to 1 m."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Request:
-    """The command's arguments, as given."""
+    """Say which poses to take so that the camera is known best with the fewest.
 
-    robot: str
-    link: str | None = None
-    base: str | None = None
-    result: Path | None = None
-    camera: Path | None = None
-    target: str | None = None
-    setup: str = "eye-in-hand"
-    camera_at: str | None = None
-    target_at: str | None = None
-    count: int | None = None
-    wanted: str = "point"
-    at: str | None = None
-    workspace: str | None = None
-    distance: str = "300mm:800mm"
-    tilt: str = "40deg"
-    in_view: str = "100%"
-    geometry: Path | None = None
-    sigma_px: str = "0.2px"
-    sigma_robot: str = "0.1mm,0.02deg"
-    seed: int = 0
-    out: Path | None = None
-    json: bool = False
-    quiet: bool = False
-    force: bool = False
+    calibrant next-pose --robot ur5e --result hand-eye.json
+
+    calibrant next-pose --robot ur5e --camera camera.json --target chessboard:9x6:25mm --camera-at
+    20mm,-60mm,50mm,0deg,0deg,23deg --target-at 620mm,110mm,20mm,180deg,0deg,0deg --count 8 --out plan.csv
+
+    Every pose is within the joint limits, has the target in view and in focus, and hits nothing that --geometry names.
+    Each comes with the uncertainty that is left after it. The flange is the gripper.
+    """
+
+    robot: Annotated[str, Option("FILE")]
+    """The robot with its joint limits: URDF, DH table (YAML), or a name such as ur5e."""
+    result: Annotated[Path | None, Option("FILE")] = None
+    """What was calibrated so far (hand-eye --out FILE); without it the plan starts from nothing."""
+    camera: Annotated[Path | None, Option("FILE")] = None
+    """Known camera, where there is no result."""
+    target: Annotated[str | None, Option("SPEC", "-t")] = None
+    """The board: chessboard:9x6:25mm (inner corners), charuco:5x7:36mm:18mm:DICT_6X6_250 (squares), or a file."""
+    setup: Annotated[str, Option("SETUP")] = "eye-in-hand"
+    """eye-in-hand or eye-to-hand."""
+    camera_at: Annotated[str | None, Option("PLACE")] = None
+    """Roughly where the camera is: x, y, z, roll, pitch, yaw in the gripper (eye-in-hand) or the base."""
+    target_at: Annotated[str | None, Option("PLACE")] = None
+    """Roughly where the target is: in the base (eye-in-hand) or in the gripper (eye-to-hand)."""
+    count: Annotated[int | None, Option("N", "-n")] = None
+    """Poses: 1 after a result, else 10."""
+    wanted: Annotated[str, Option("WHAT")] = "point"
+    """What is to be known well: point (seen) or camera."""
+    at: Annotated[str | None, Option("LENGTH")] = None
+    """Distance from the camera at which its work lies; the middle of --distance unless given."""
+    workspace: Annotated[str | None, Option("VOLUME")] = None
+    """For a camera that stands still: where its work lies, 300mm:700mm,-200mm:200mm,0mm:100mm."""
+    distance: Annotated[str, Option("FROM:TO")] = "300mm:800mm"
+    """Distances at which the target is in focus."""
+    tilt: Annotated[str, Option("ANGLE")] = "40deg"
+    """Largest tilt of the target."""
+    in_view: Annotated[str, Option("PERCENT")] = "100%"
+    """Share of the target that must be in the image."""
+    geometry: Annotated[Path | None, Option("FILE")] = None
+    """What the arm must not hit (YAML: link_radius, floor, boxes, spheres)."""
+    sigma_px: Annotated[str, Option("LENGTH")] = "0.2px"
+    """Noise of a corner, where there is no result."""
+    sigma_robot: Annotated[str, Option("NOISE")] = "0.1mm,0.02deg"
+    """Noise of its poses, where there is no result."""
+    seed: Annotated[int, Option("N")] = 0
+    """Of the candidates that are drawn."""
+    robot_link: Annotated[str | None, Option("NAME")] = None
+    """URDF: the link that ends the chain."""
+    robot_base: Annotated[str | None, Option("NAME")] = None
+    """URDF: the link that starts the chain."""
+    out: Annotated[Path | None, Option("FILE.csv", "-o", output="file")] = None
+    """Write poses (T_base_gripper, metres) and joint values (radians, metres) here."""
 
 
-def run(request: Request) -> None:
-    """Plan, write and print. Raises: InputError, RefusedError as the parts do."""
-    from calibrant.diagnose.budget.volume import parse_share
-    from calibrant.diagnose.next_pose.candidates import Wishes, candidates
+def reads(request: Request) -> list[str | Path]:
+    """The robot's file, what is known, and what the arm must not hit."""
+    robot = [request.robot] if Path(request.robot).exists() else []
+    return [*robot, *(f for f in (request.result, request.camera, request.geometry) if f is not None)]
+
+
+def run(request: Request, listener: Listener = SILENT) -> Outcome:
+    """The plan, with the uncertainty left after each pose.
+
+    Raises: InputError; RefusedError where the arm can take too few views.
+    """
+    import numpy as np
+
+    from calibrant.diagnose.next_pose.candidates import candidates
     from calibrant.diagnose.next_pose.obstacles import read_geometry
     from calibrant.diagnose.next_pose.plan import plan_views
     from calibrant.formats.robots.read import read_robot
 
-    if request.wanted not in GOALS:
-        raise InputError(f"--wanted {request.wanted}: choose {' or '.join(GOALS)}")
-    if request.out is not None:
-        session.check_writable(request.out, force=request.force)
-    wishes = Wishes(
-        parse_range(request.distance, what="--distance"),
-        float(np.rad2deg(parse_angle(request.tilt, what="--tilt"))),
-        in_view=parse_share(request.in_view, what="--in-view"),
-    )
-    chain = read_robot(request.robot, link=request.link, base=request.base).chain
+    wishes = _wishes(request)
+    chain = read_robot(request.robot, link=request.robot_link, base=request.robot_base).chain
     obstacles = None if request.geometry is None else read_geometry(request.geometry)
     known, spec = _knowledge(request)
     points = _points(request, spec)
     goal = _goal(request, known, wishes.distance)
-    session.load_solver(quiet=request.quiet or request.json)
-    with session.status("Planning …", quiet=request.quiet or request.json):
+    session.load_solver(listener)
+    with listener.status("Planning …"):
         pool = candidates(
             chain, known.camera, points, setup=known.setup, X=known.X, Z=known.Z,
             rng=np.random.default_rng(request.seed), wishes=wishes, geometry=obstacles,
         )  # fmt: skip
         count = request.count or (1 if request.result is not None else DEFAULT_COUNT)
-        plan = plan_views(known, goal, points, pool, count)
-    _say(request, plan, chain, wishes.distance)
+        found = _view_plan(plan_views(known, goal, points, pool, count), chain, request, wishes.distance)
+    written = () if request.out is None else (Document(request.out, partial(_plan_csv, found)),)
+    return Outcome(result=_plan_result(found, request), documents=written)
+
+
+def _wishes(request: Request) -> Wishes:
+    """What a view must be. Raises: InputError for words that say no distance, angle or share."""
+    import numpy as np
+
+    from calibrant.diagnose.budget.volume import parse_share
+    from calibrant.diagnose.next_pose.candidates import Wishes
+    from calibrant.tasks.inputs.placement import parse_angle, parse_range
+
+    if request.wanted not in GOALS:
+        raise InputError(f"--wanted {request.wanted}: choose {' or '.join(GOALS)}")
+    if request.count is not None and request.count < 1:
+        raise InputError(f"--count {request.count}: a plan has at least 1 pose")
+    return Wishes(
+        parse_range(request.distance, what="--distance"),
+        float(np.rad2deg(parse_angle(request.tilt, what="--tilt"))),
+        in_view=parse_share(request.in_view, what="--in-view"),
+    )
 
 
 def _knowledge(request: Request) -> tuple[Knowledge, str | None]:
@@ -96,6 +148,7 @@ def _knowledge(request: Request) -> tuple[Knowledge, str | None]:
     from calibrant.calibrate.solvers.setup import get_setup
     from calibrant.diagnose.budget.single import NoiseLevels
     from calibrant.diagnose.next_pose.plan import known_from, nothing_known
+    from calibrant.tasks.inputs.placement import parse_noise, parse_placement
 
     if request.result is not None:
         given = {"--camera": request.camera, "--camera-at": request.camera_at, "--target-at": request.target_at}
@@ -130,6 +183,8 @@ def _points(request: Request, spec: str | None) -> Array:
 
 
 def _goal(request: Request, known: Knowledge, distance: tuple[float, float]) -> Goal:
+    import numpy as np
+
     from calibrant.diagnose.budget.volume import parse_volume
     from calibrant.diagnose.next_pose.plan import camera_goal, point_goal, volume_goal
 
@@ -146,19 +201,6 @@ def _depth(request: Request, distance: tuple[float, float]) -> float:
     return sum(distance) / 2 if request.at is None else parse_length(request.at, what="--at")
 
 
-def _say(request: Request, plan: Plan, chain: ParametricChain, distance: tuple[float, float]) -> None:
-    rows = plan_rows(plan, [j.name for j in chain.joints])
-    if request.out is not None:
-        header = ",".join(rows[0])
-        lines = [",".join(v if isinstance(v, str) else f"{v:.9g}" for v in row.values()) for row in rows]
-        session.write_bytes(request.out, ("\n".join([header, *lines]) + "\n").encode())
-    if request.json:
-        before = {"sigma_mm": plan.before.sigma_mm, "radius_95_mm": plan.before.radius_mm}
-        sys.stdout.write(json_format.dumps({"before": before, "poses": rows}, indent=2) + "\n")
-    elif not request.quiet:
-        _print(request, plan, chain, _asked(request, distance))
-
-
 def _asked(request: Request, distance: tuple[float, float]) -> str:
     """What the figures are of, in words."""
     if request.workspace is not None:
@@ -168,45 +210,60 @@ def _asked(request: Request, distance: tuple[float, float]) -> str:
     return f"A point {1e3 * _depth(request, distance):.0f} mm in front of the camera"
 
 
-def plan_rows(plan: Plan, joints: list[str]) -> list[dict[str, Any]]:
-    """The plan as rows: name, T_base_gripper (metres, quaternion), joint values (radians or metres), sigma after it."""
+def _view_plan(plan: Plan, chain: ParametricChain, request: Request, distance: tuple[float, float]) -> ViewPlan:
+    """The plan as a record: T_base_gripper (metres, quaternion), joint values (radians or metres), sigma after each."""
+    from calibrant.data.details import Expectation, PlannedPose, ViewPlan
     from calibrant.geometry import so3
 
-    rows = []
+    names = [j.name for j in chain.joints]
+    poses = []
     for i, (T, q, left) in enumerate(zip(plan.chosen.T_base_gripper, plan.chosen.q, plan.after)):
-        w, x, y, z = so3.quaternion_wxyz(T[:3, :3])
-        place = dict(zip(("x", "y", "z", "qx", "qy", "qz", "qw"), (float(v) for v in (*T[:3, 3], x, y, z, w))))
-        values = {name: float(v) for name, v in zip(joints, q)}
-        rows.append({"image": f"{i:02d}.png", **place, **values, "sigma_mm": left.sigma_mm})
-    return rows
+        w, x, y, z = (float(v) for v in so3.quaternion_wxyz(T[:3, :3]))
+        px, py, pz = (float(v) for v in T[:3, 3])
+        joints = dict(zip(names, q.tolist()))
+        poses.append(PlannedPose(f"{i:02d}.png", (px, py, pz), (x, y, z, w), joints, left.sigma_mm, left.radius_mm))
+    units = {j.name: "rad" if j.kind == "revolute" else "m" for j in chain.joints}
+    before = Expectation(plan.before.sigma_mm, plan.before.radius_mm)
+    return ViewPlan(_asked(request, distance), before, tuple(poses), units, obstacles=request.geometry is not None)
 
 
-def _print(request: Request, plan: Plan, chain: ParametricChain, what: str) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
-    units = ["deg" if j.kind == "revolute" else "mm" for j in chain.joints]
-    scales = [float(np.rad2deg(1)) if u == "deg" else 1e3 for u in units]
-    table.add_column("pose", justify="right")
-    for i, unit in enumerate(units, start=1):
-        table.add_column(f"q{i} {unit}", justify="right", no_wrap=True)
-    table.add_column("1σ after", justify="right", no_wrap=True)
-    table.add_column("95 % below", justify="right", no_wrap=True)
-    for i, (q, left) in enumerate(zip(plan.chosen.q, plan.after)):
-        angles = [f"{v * s:.0f}" if abs(v * s) >= 100 else f"{v * s:.1f}" for v, s in zip(q, scales)]
-        table.add_row(str(i + 1), *angles, f"{_figure(left.sigma_mm)} mm", f"{_figure(left.radius_mm)} mm")
-    now = _figure(plan.before.sigma_mm)
-    console = Console()
-    state = "nothing is known yet." if now == "–" else f"known to {now} mm (1σ, worst direction)."
-    console.print(f"{what}: {state}")
-    console.print(table)
-    if request.geometry is None:
-        console.print("Only joint limits and view are checked; say what the arm must not hit with --geometry FILE.")
-    if request.out is not None:
-        console.print(f"{request.out}: poses (T_base_gripper, metres) and joint values (radians, metres).")
+def _plan_csv(plan: ViewPlan) -> bytes:
+    """Name, T_base_gripper, joint values and the sigma that is left, a line a pose."""
+    rows = [_plan_row(pose) for pose in plan.poses]
+    lines = [",".join(v if isinstance(v, str) else f"{v:.9g}" for v in row.values()) for row in rows]
+    return ("\n".join([",".join(rows[0]), *lines]) + "\n").encode()
 
 
-def _figure(mm: float) -> str:
-    """A figure in millimetres, or a dash where the poses so far do not determine it."""
-    return "–" if mm > UNDETERMINED_MM else f"{mm:.3g}"
+def _plan_row(pose: PlannedPose) -> dict[str, str | float]:
+    place = dict(zip(("x", "y", "z", "qx", "qy", "qz", "qw"), (*pose.position_m, *pose.quaternion_xyzw)))
+    return {"image": pose.image, **place, **pose.joints, "sigma_mm": pose.sigma_mm}
+
+
+def _plan_result(plan: ViewPlan, request: Request) -> CalibrationResult:
+    from calibrant.data import CalibrationResult, Check, Measured
+    from calibrant.data.verdicts import stamp
+
+    after, ways = plan.poses[-1], ("joint limits and view", "joint limits, view and obstacles")
+    checks = (
+        Check(
+            "expected", "ok", f"{plan.asked.lower()} will be known to {after.sigma_mm:.3g} mm (1 sigma, worst "
+            f"direction) after {len(plan.poses)} more", after.sigma_mm,
+        ),
+        Check("reach", "ok", f"every pose was checked for {ways[plan.obstacles]}"),
+    )  # fmt: skip
+    asked = ("setup", "count", "wanted", "at", "workspace", "distance", "tilt", "in_view", "seed")
+    given = {name: getattr(request, name) for name in ("robot", "target", *asked)}
+    return stamp(
+        CalibrationResult(
+            kind="next-pose",
+            verdict="ok",
+            checks=checks,
+            options={name: value for name, value in given.items() if value is not None},
+            figures={
+                "sigma_before": Measured(plan.before.sigma_mm, unit="mm"),
+                "sigma_after": Measured(after.sigma_mm, unit="mm"),
+            },
+            details=(plan,),
+            inputs=session.file_records(reads(request)),
+        )
+    )

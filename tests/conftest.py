@@ -7,6 +7,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+settings.register_profile("the same in every run", derandomize=True, database=None, deadline=None)
+settings.load_profile("the same in every run")
 
 SHARED_DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 

@@ -17,6 +17,7 @@ LENSES = {
 }
 
 
+@pytest.mark.statistics
 @pytest.mark.parametrize("model", LENSES)
 def test_intervals_hold_the_truth(model: str) -> None:
     camera, board = Camera(camera_model(model), IMAGE_SIZE, np.array(LENSES[model])), grid(11, 8, 0.03)

@@ -52,6 +52,7 @@ def accuracy(spec: str, blur_px: float, noise_grey: float, how: str = "saddle") 
     return float(np.sqrt((e**2).sum(axis=1).mean())), float((z**2).mean())
 
 
+@pytest.mark.statistics
 @pytest.mark.parametrize("spec", SPECS)
 def test_error_and_sigma_of_every_target(spec: str) -> None:
     rms, chi2 = accuracy(spec, 0.7, 2.0)
@@ -60,6 +61,7 @@ def test_error_and_sigma_of_every_target(spec: str) -> None:
     assert 0.75 < chi2 < 1.3
 
 
+@pytest.mark.statistics
 @pytest.mark.parametrize("spec", ["chessboard:9x6:30mm", "circles:9x7:30mm"])
 @pytest.mark.parametrize(("blur_px", "noise_grey"), [(1.5, 1.0), (0.6, 5.0)])
 def test_sigma_comes_from_the_picture(spec: str, blur_px: float, noise_grey: float) -> None:

@@ -105,6 +105,7 @@ def _with(views: tuple[ViewResiduals, ...], extra: list[np.ndarray]) -> tuple[Vi
     )
 
 
+@pytest.mark.statistics
 def test_pure_noise_is_called_random() -> None:
     # At a significance of 1e-4 twenty seeds raise a false alarm once in 250 runs; the seeds are fixed.
     assert all(structure_check(_random_views(seed), image_size=SIZE).status == "ok" for seed in range(20))

@@ -58,6 +58,7 @@ def two_groups(seed: int) -> Problem:
     )
 
 
+@pytest.mark.statistics
 def test_two_groups_over_many_trials() -> None:
     logs, scores = [], []
     for seed in range(100):
@@ -110,6 +111,7 @@ def test_unsettled_is_said() -> None:
     assert estimate.settled in (True, False)
 
 
+@pytest.mark.statistics
 def test_chi_square_tells_a_wrong_level() -> None:
     verdicts = [
         [

@@ -90,6 +90,7 @@ def test_every_pixel_is_opencvs(model: str, choice: float | None) -> None:
         np.testing.assert_array_equal(turned, theirs)
 
 
+@pytest.mark.long
 def test_any_model_to_any_model_keeps_what_is_seen() -> None:
     """A picture that is a smooth function of the ray comes out as that function of the output camera's rays."""
 

@@ -106,6 +106,7 @@ def test_centroid_and_area_are_exact(shape: str, turn: float) -> None:
     assert (ink * y).sum() / ink.sum() == pytest.approx(centre[1], abs=2e-3)
 
 
+@pytest.mark.long
 def test_slanted_polygons_are_drawn_as_upright_ones(camera: Camera) -> None:
     """A turned square on a sheet, seen turned back, is the upright square."""
     turn = so3.exp([0, 0, 0.37])

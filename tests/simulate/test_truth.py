@@ -23,6 +23,7 @@ def test_a_known_error_is_measured() -> None:
     assert truth.inside
 
 
+@pytest.mark.statistics
 def test_the_region_holds_99_of_100() -> None:
     rng = np.random.default_rng(0)
     L = 1e-3 * (np.tril(rng.normal(size=(6, 6))) + 3 * np.eye(6))
@@ -35,6 +36,7 @@ def test_the_region_holds_99_of_100() -> None:
     assert np.mean([d.inside for d in draws]) == pytest.approx(0.99, abs=4 * np.sqrt(0.0099 / n))
 
 
+@pytest.mark.statistics
 def test_the_points_sigma_is_the_rms_of_its_error() -> None:
     rng = np.random.default_rng(1)
     L = 1e-3 * (np.tril(rng.normal(size=(6, 6))) + 2 * np.eye(6))

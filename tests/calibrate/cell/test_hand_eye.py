@@ -44,6 +44,7 @@ def test_exact_without_noise(setup: Setup) -> None:
         assert np.abs(found.transforms[1].matrix - scene.Z).max() < 1e-6
 
 
+@pytest.mark.statistics
 def test_noise_and_covariance_tell_the_truth() -> None:
     errors, levels = [], []
     for seed, setup in enumerate(SETUPS * 2):

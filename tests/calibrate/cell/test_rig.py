@@ -44,6 +44,7 @@ def test_exact_data_give_the_exact_rig() -> None:
     assert result.rms_px == pytest.approx(0, abs=1e-6)
 
 
+@pytest.mark.statistics
 def test_errors_match_their_covariance() -> None:
     """Normalised error of two transforms over seeds: 6 degrees of freedom each."""
     scores = []

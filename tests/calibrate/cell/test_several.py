@@ -102,6 +102,7 @@ def test_cameras_that_number_a_symmetric_board_from_different_ends() -> None:
     assert [v.reason for v in result.views if not v.used and "points" not in (v.reason or "")] == []
 
 
+@pytest.mark.statistics
 @pytest.mark.parametrize(("parent", "child"), [("gripper", "left"), ("left", "right"), ("base", "target")])
 def test_covariances_tell_the_truth(parent: str, child: str) -> None:
     truth = {"left": X_LEFT, "right": se3.inverse(X_LEFT) @ X_RIGHT, "target": Z_TABLE}[child]

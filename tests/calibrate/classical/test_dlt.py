@@ -131,6 +131,7 @@ def test_decomposition_agrees_with_opencv() -> None:
     np.testing.assert_allclose(-T[:3, :3].T @ T[:3, 3], (centre[:3] / centre[3]).ravel(), atol=1e-12)
 
 
+@pytest.mark.statistics
 def test_noise_moves_the_focal_length_in_proportion_and_to_no_side() -> None:
     truth, T = camera(), pose(10)
     points = np.random.default_rng(11).uniform(-0.1, 0.1, (60, 3))

@@ -80,6 +80,7 @@ def test_an_axis_through_the_principal_point_is_refused() -> None:
         calibrate_fast_rac(BOARD, seen(camera(), T, BOARD), **KNOWN)
 
 
+@pytest.mark.statistics
 def test_the_origins_noise_makes_it_worse_than_all_points_together() -> None:
     truth, T = camera("division"), pose(55)
     errors = []

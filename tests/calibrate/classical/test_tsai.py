@@ -206,6 +206,7 @@ def test_the_two_variants_of_the_slides_differ_in_sign_and_second_order(radial: 
     assert slide_k(fitted.camera) == pytest.approx(sign * slide_k(lens), rel=0.02)
 
 
+@pytest.mark.statistics
 def test_noise_moves_the_focal_length_in_proportion_and_to_no_side() -> None:
     truth, T = camera("division"), pose(40)
 

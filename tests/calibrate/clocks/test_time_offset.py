@@ -53,6 +53,7 @@ def test_without_noise_it_is_exact() -> None:
     assert abs(found.offset - 0.1234) < 1e-6
 
 
+@pytest.mark.statistics
 @pytest.mark.parametrize(("robot_hz", "camera_hz"), [(125, 30), (25, 50)])
 def test_the_sigma_tells_the_truth(robot_hz: float, camera_hz: float) -> None:
     # Where the robot reports less often than the camera sees, neighbouring residuals share the robot's noise.
@@ -153,6 +154,7 @@ def test_derivatives_by_the_robot_are_differences(noise: str, inverted: bool) ->
         assert np.allclose(J[:, :, k], (ends[0] - ends[1]) / (2 * step), atol=1e-8)
 
 
+@pytest.mark.statistics
 def test_the_samples_noise_is_known_and_passed_on() -> None:
     """Against recordings drawn anew: the level of each, and the spread of a weighted sum over the spline's poses."""
     rng = np.random.default_rng(4)

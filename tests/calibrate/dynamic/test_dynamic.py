@@ -120,6 +120,7 @@ def test_exact_without_noise() -> None:
     np.testing.assert_allclose(found.matrix, EXACT.external, atol=1e-6)
 
 
+@pytest.mark.statistics
 def test_errors_are_as_large_as_predicted() -> None:
     setting = Setting(px=0.1)
     squares = []

@@ -57,6 +57,7 @@ def test_exact_without_noise(scene: IntrinsicsScene) -> None:
         assert np.abs(view.T_camera_target - T).max() < 1e-10
 
 
+@pytest.mark.statistics
 def test_errors_are_what_the_covariance_says() -> None:
     errors, sigmas = [], []
     for seed in range(40):

@@ -118,6 +118,7 @@ def test_without_noise_the_truth_is_found_exactly() -> None:
     assert new_errors_mm(calibration.model, simulated, rng).max() < 2e-2
 
 
+@pytest.mark.statistics
 def test_the_sigmas_tell_the_truth() -> None:
     squares, degrees = 0.0, 0
     for seed in range(6):

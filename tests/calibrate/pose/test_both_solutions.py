@@ -57,6 +57,7 @@ def test_a_target_behind_a_wide_lens() -> None:
     np.testing.assert_allclose(poses.views[0].best.T_camera_target, T, atol=1e-8)
 
 
+@pytest.mark.statistics
 def test_the_covariance_holds_for_pixels_and_camera() -> None:
     """Normalised squared errors of 6 values average 6; camera parameters drawn from the covariance they state."""
     truth, rng = standard_camera(), np.random.default_rng(1)
@@ -86,6 +87,7 @@ def test_the_noise_is_estimated_where_nobody_states_it() -> None:
     assert estimate_poses(camera, replace(observations, views=stated)).sigma_px == pytest.approx(0.2, rel=0.1)
 
 
+@pytest.mark.statistics
 def test_the_second_solution_is_as_probable_as_it_says() -> None:
     """Small tilted squares far away: of views told with probability p, a share p is right."""
     camera, points, rng = standard_camera(), grid(3, 3, 0.02), np.random.default_rng(4)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from calibrant.calibrate.reprojection.outliers import MINIMUM_LIMIT_SIGMAS, mark, median
 
@@ -21,6 +22,7 @@ def test_the_scale_survives_a_minority_of_gross_errors() -> None:
     assert found.keep[400:].all()
 
 
+@pytest.mark.statistics
 def test_clean_data_lose_nothing() -> None:
     lost = sum(int((~mark(norms(1000, 0.1, seed), np.array([0, 1000])).keep).sum()) for seed in range(50))
     assert lost <= 1  # 0.01 points are expected per set at the least, so 0.5 in fifty

@@ -50,6 +50,7 @@ class TestGoodMotions:
         # 60 poses give the spread to about 10 %; three times that.
         assert report.sigma_rotation_deg == pytest.approx(0.05, rel=0.3)
 
+    @pytest.mark.statistics
     def test_predicted_error_is_the_error_of_a_solver(self) -> None:
         """Worst-axis sigma of X against the RMS of 100 solutions along that axis."""
         rng = np.random.default_rng(2)

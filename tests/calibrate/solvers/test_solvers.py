@@ -273,6 +273,7 @@ class TestAgainstOpenCV:
         A, B, _, _ = problem(rng, so3.exp(rng.normal(scale=0.4, size=(12, 3))))
         np.testing.assert_allclose(SOLVERS[name].solve(A, B).X, opencv_solution(name, A, B), atol=1e-6)
 
+    @pytest.mark.statistics
     @pytest.mark.parametrize(
         ("spread", "robot", "camera"), [(0.4, (0.03, 0.1), (0.05, 0.5)), (0.8, (0.2, 1.0), (0.1, 1.0))]
     )

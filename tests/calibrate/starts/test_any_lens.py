@@ -130,6 +130,7 @@ def test_splined_alone_lays_a_grid_over_the_points() -> None:
         camera_model("spline")
 
 
+@pytest.mark.long
 def test_splined_follows_a_lens_that_rational_cannot() -> None:
     """A fisheye of 140 degrees, decentred: at most half of rational's error on views that neither has seen."""
     terms = {"xi": 1.3, "k1": -0.25, "k2": 0.12, "p1": 4e-3, "p2": -3e-3, "fx": 1300.0, "fy": 1300.0}

@@ -41,6 +41,7 @@ def test_exact_without_noise(features: Array) -> None:
     assert found.misfit_mm < 1e-6
 
 
+@pytest.mark.statistics
 def test_errors_are_as_large_as_predicted() -> None:
     T_camera_target, T_target_gripper = truth()
     T_gripper_camera = se3.inverse(T_camera_target @ T_target_gripper)
@@ -64,6 +65,7 @@ def test_errors_are_as_large_as_predicted() -> None:
     assert np.mean(misfits) == pytest.approx(1.0, rel=0.2)  # 3 degrees of freedom, 200 trials: 6 % sigma
 
 
+@pytest.mark.statistics
 def test_the_lens_moves_board_and_features_alike() -> None:
     # From pixels to the camera: the pose is fitted with a lens that is off, as in life.
     T_camera_target, T_target_gripper = truth()

@@ -45,6 +45,7 @@ def test_touch_is_exact_without_noise() -> None:
     assert found.residuals.max() < 1e-9
 
 
+@pytest.mark.statistics
 def test_touch_errors_are_as_large_as_predicted() -> None:
     rng, sigma, n = np.random.default_rng(1), 2e-4, 8
     poses = touching(n, rng)
@@ -63,6 +64,7 @@ def test_touch_errors_are_as_large_as_predicted() -> None:
     assert np.sqrt(np.mean(levels)) == pytest.approx(1e3 * sigma, rel=0.05)
 
 
+@pytest.mark.statistics
 @pytest.mark.parametrize("n", [4, 6])
 def test_few_touches_are_as_certain_as_stated(n: int) -> None:
     rng = np.random.default_rng(n)
@@ -114,6 +116,7 @@ def test_sight_is_exact_without_noise() -> None:
     assert found.residuals.max() < 1e-6
 
 
+@pytest.mark.statistics
 def test_sight_errors_are_as_large_as_predicted() -> None:
     rng, n, camera = np.random.default_rng(4), 10, standard_camera()
     poses = swinging(n, rng)

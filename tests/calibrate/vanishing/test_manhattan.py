@@ -82,6 +82,7 @@ def test_the_focal_length_is_exact_without_noise() -> None:
     np.testing.assert_allclose(np.sort(np.abs(relabelled), axis=0)[:2], 0.0, atol=1e-7)
 
 
+@pytest.mark.statistics
 @CAMERAS
 def test_sigmas_of_edges_with_noise_and_clutter_are_true(camera: Camera) -> None:
     """Normalised squared errors of 3 values average 3."""
@@ -95,6 +96,7 @@ def test_sigmas_of_edges_with_noise_and_clutter_are_true(camera: Camera) -> None
     assert np.mean(squares) == pytest.approx(3.0, abs=1.65)
 
 
+@pytest.mark.statistics
 def test_the_sigma_of_the_focal_length_is_true() -> None:
     z = []
     for seed in range(20):
@@ -107,6 +109,7 @@ def test_the_sigma_of_the_focal_length_is_true() -> None:
     assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1.0, abs=0.48)
 
 
+@pytest.mark.statistics
 def test_the_cameras_uncertainty_counts() -> None:
     sigma = np.array([4.0, 4.0, 5.0, 5.0, 0.01, 0.01, 1e-3, 1e-3, 0.0])
     squares, without = [], []

@@ -27,6 +27,7 @@ def shot(columns=9, rows=6, *, distance=16.0, tilt=25.0, axis=40.0, roll=10.0, s
     return picture(columns, rows, pose, lens, size, **options), corners(columns, rows, pose, lens)
 
 
+@pytest.mark.statistics
 def test_accuracy_and_sigma_on_tilted_distorted_views():
     rng = np.random.default_rng(5)
     errors, sigmas = [], []
@@ -188,6 +189,7 @@ def test_a_part_of_a_board_is_numbered_where_its_ends_are_seen(roll):
         assert len(found.uv) >= 0.7 * inside.sum()
 
 
+@pytest.mark.long
 def test_no_part_of_a_board_is_numbered_wrongly():
     rng = np.random.default_rng(3)
     numbered = 0

@@ -50,6 +50,7 @@ def test_an_ellipse_s_centre_is_not_the_circle_s(monkeypatch: pytest.MonkeyPatch
     assert rms_px(uncorrected, truth) > 3 * rms_px(found, truth)
 
 
+@pytest.mark.statistics
 def test_sigma_tells_the_error() -> None:
     target = Circles(9, 7, 0.02)
     chi2 = []

@@ -44,6 +44,7 @@ def errors(how: Refinement, noise_grey: float) -> tuple[float, float]:
     return float(np.sqrt((e**2).mean())), float((e**2 / s**2).mean())
 
 
+@pytest.mark.statistics
 @pytest.mark.parametrize(
     ("how", "most_px"),
     [

@@ -47,6 +47,7 @@ def test_model_is_found_to_the_rounding_of_eight_bits(shift, a, b):
     assert fit.contrast[0] == pytest.approx(80, rel=0.02)
 
 
+@pytest.mark.statistics
 def test_stated_sigma_is_the_spread_of_repeated_noise():
     a, b, at = 0.2, 1.6, np.array([[20.2, 19.9]])
     fits = [refine(corner(20.2, 19.9, a, b, noise=4.0, seed=k), at, steps(a, b), np.array([True])) for k in range(300)]

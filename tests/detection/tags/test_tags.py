@@ -96,6 +96,7 @@ cubes:
 """
 
 
+@pytest.mark.long
 def test_bundles_on_several_planes_give_the_corners_of_every_marker_seen(tmp_path: Path) -> None:
     (tmp_path / "bundle.yaml").write_text(BUNDLE)
     target = parse_target(f"bundle:{tmp_path / 'bundle.yaml'}")

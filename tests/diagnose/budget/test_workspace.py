@@ -121,6 +121,7 @@ def test_jacobian_of_a_seen_point_against_differences(eye_to_hand: CalibrationRe
         np.testing.assert_allclose(J[:, i], difference, rtol=1e-4, atol=1e-7 * max(1, np.abs(difference).max()))
 
 
+@pytest.mark.statistics
 def test_errors_are_as_large_as_predicted() -> None:
     # A point seen by a camera whose intrinsics came with errors that the mounting has to absorb.
     scene = hand_eye_scene("exact", setup="eye-to-hand")

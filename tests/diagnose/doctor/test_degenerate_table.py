@@ -60,6 +60,7 @@ def test_a_method_by_position_is_refused_and_not_ignored() -> None:
         calibrate_hand_eye(scene.robot_poses, scene.measured_T_camera_target, "park")  # type: ignore[misc]
 
 
+@pytest.mark.statistics
 def test_one_flip_in_fifteen_views_is_undone_to_within_the_stated_sigma() -> None:
     errors = []
     for seed in range(12):

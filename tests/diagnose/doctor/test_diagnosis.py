@@ -101,6 +101,7 @@ def test_unrelated_poses_are_not_read_in_any_way(tmp_path: Path) -> None:
     assert not found.sound
 
 
+@pytest.mark.statistics
 def test_one_flip_is_found_and_the_result_is_within_its_sigma(tmp_path: Path) -> None:
     """Fifteen views, one flipped: the repaired result lies within about 1 sigma of the truth."""
     inside = 0
@@ -150,6 +151,7 @@ def sample(request: pytest.FixtureRequest, benchmark: ModuleType, shared_data: C
     return request.param, benchmark.DATA_SETS[request.param][0]()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sample", ["moveit", "charuco"], indirect=True)
 def test_real_data_corrupted_in_every_way(benchmark: ModuleType, sample: tuple, tmp_path: Path) -> None:
     name, data = sample

@@ -242,6 +242,7 @@ def test_stale_intrinsics_that_the_poses_of_the_views_take_up(views: CaseOf) -> 
     assert names(examine(views(scene, camera=scene.camera))) == []
 
 
+@pytest.mark.statistics
 def test_target_poses_of_unequal_certainty_are_no_bad_poses() -> None:
     """Squares of Student's t with four degrees of freedom, the heaviest tail allowed for, six numbers a view."""
     rng = np.random.default_rng(0)
@@ -319,6 +320,7 @@ def test_poses_of_another_session_fit_nothing(pairs: CaseOf) -> None:
     assert names(found) == ["no-agreement"]
 
 
+@pytest.mark.statistics
 def test_few_clean_poses_raise_no_alarm_of_a_move(pairs: CaseOf) -> None:
     alarms = []
     for seed in range(5100, 5160):

@@ -69,6 +69,7 @@ def test_both_notations_are_found_together(
         assert "instead of" in found.finding.message
 
 
+@pytest.mark.long
 def test_poses_that_fit_nothing_are_read_as_they_are_usually_meant(tmp_path: Path) -> None:
     robot, target = cell(14, "eye-in-hand")
     complete = written(tmp_path / "robot.csv", robot, "euler:xyz", "deg", 1000.0, "x,y,z,a,b,c")

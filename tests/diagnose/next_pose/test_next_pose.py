@@ -134,6 +134,7 @@ def test_information_of_the_taken_views_is_the_calibration(cell: Cell) -> None:
     np.testing.assert_allclose(np.sqrt(np.diag(again)), np.sqrt(np.diag(C)), rtol=2e-2)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 def test_eight_planned_poses_do_what_fifteen_random_ones_do(setup: Setup) -> None:
     # A small version of benchmarks/next_pose.py: planned without the cell's truth, judged in it.

@@ -45,6 +45,7 @@ def test_rows_are_the_derivatives_of_the_deviations() -> None:
         np.testing.assert_allclose((plus - minus) / (2 * step), rows[:, :, k], atol=2e-3)
 
 
+@pytest.mark.statistics
 def test_the_scale_is_found_with_its_sigma() -> None:
     errors = []
     for seed in range(40):
@@ -69,6 +70,7 @@ def test_two_places_of_the_target_are_told_apart() -> None:
     np.testing.assert_allclose(fit.Z, np.stack([scene.Z, moved]), atol=1e-10)
 
 
+@pytest.mark.statistics
 def test_the_statistic_of_clean_views_is_about_one() -> None:
     values = []
     for seed in range(20):

@@ -29,6 +29,7 @@ TILTS = 10.0
 """Images whose poses are ten times less certain than the scatter of their points: a sheet that is not flat."""
 
 
+@pytest.mark.statistics
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 def test_the_size_is_found_within_its_sigma_whatever_the_noise_comes_from(setup: str) -> None:
     chosen = get_setup(setup)

@@ -69,6 +69,7 @@ def camera_error_mm(result: CalibrationResult) -> float:
     return 1e3 * float(np.linalg.norm(result.transform("gripper", "camera").matrix[:3, 3] - X[:3, 3]))
 
 
+@pytest.mark.statistics
 def test_offsets_are_recovered_within_sigma_and_the_camera_gets_better() -> None:
     normalised, with_offsets, without = [], [], []
     for seed in range(4):

@@ -34,6 +34,7 @@ def test_exact_pairs_give_the_truth(setup: str) -> None:
     assert solution.value("target scale")[0, 0] == pytest.approx(1, abs=1e-8)
 
 
+@pytest.mark.statistics
 def test_normalised_error_and_noise_of_a_camera_in_the_hand() -> None:
     """0.2 degrees at the flange move a target 0.5 m away by 1.7 mm: as much as all other noise of the scene.
 

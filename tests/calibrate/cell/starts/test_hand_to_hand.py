@@ -74,6 +74,7 @@ def test_too_few_views_and_motions_that_tell_too_little_are_refused() -> None:
         hand_to_hand_start(W @ still @ Z @ se3.inverse(B) @ se3.inverse(X), still, B)
 
 
+@pytest.mark.statistics
 def test_errors_are_as_large_as_stated() -> None:
     frames = (("a_gripper", "wrist", X), ("a_base", "b_base", W), ("b_gripper", "target", Z))
     results = [calibrated(seed) for seed in range(6)]

@@ -22,6 +22,7 @@ def test_two_fifths_of_wrong_pairs_are_found_out(seed: int) -> None:
     assert np.linalg.norm(found.X[:3, 3] - scene.X[:3, 3]) < 1e-3
 
 
+@pytest.mark.statistics
 def test_clean_views_are_hardly_ever_called_outliers() -> None:
     alarms = sum(
         bool(robust_fit(s.robot_poses.T_base_gripper, s.measured_T_camera_target).outlier.any())

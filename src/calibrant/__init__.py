@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from calibrant.tasks.verbs import dynamic as dynamic
     from calibrant.tasks.verbs import hand_eye as hand_eye
     from calibrant.tasks.verbs import intrinsics as intrinsics
+    from calibrant.tasks.verbs import kinematics as kinematics
     from calibrant.tasks.verbs import next_pose as next_pose
     from calibrant.tasks.verbs import time_offset as time_offset
     from calibrant.tasks.verbs import tool_seen as tool_seen
@@ -66,6 +67,7 @@ _PUBLIC = {
     "geometry": ("calibrant.geometry", ""),
     "hand_eye": ("calibrant.tasks.verbs", "hand_eye"),
     "intrinsics": ("calibrant.tasks.verbs", "intrinsics"),
+    "kinematics": ("calibrant.tasks.verbs", "kinematics"),
     "next_pose": ("calibrant.tasks.verbs", "next_pose"),
     "parse_target": ("calibrant.targets.registry", "parse_target"),
     "read": ("calibrant.data.result_file", "read_result"),

@@ -20,7 +20,6 @@ HELP = ("--help", "-h")
 LEGACY = {
     "demo": "The whole chain on a simulated robot cell.",
     "capture": "Take views from a running camera until it is known.",
-    "kinematics": "Identify and correct a robot's geometry.",
 }
 """Commands that are no tasks yet; each leaves this list when it becomes one."""
 ORDER = (

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _PICTURES = (".png", ".jpg", ".jpeg", ".jpe", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm", ".exr", ".hdr")
 _LISTED = 3
-"""Files of one folder that are named; of more, their number."""
+"""Pictures of one folder that are named; of more, their number."""
 
 
 def finish(outcome: Outcome, call: Call) -> None:
@@ -119,12 +119,16 @@ def _listed(written: list[Path]) -> list[str]:
     folders: dict[Path, list[Path]] = {}
     for path in written:
         folders.setdefault(path.parent, []).append(path)
-    many = {folder: paths for folder, paths in folders.items() if len(paths) > _LISTED}
+    many = {folder: paths for folder, paths in folders.items() if len(_pictures(paths)) > _LISTED}
     out = [str(path) for path in written if path.parent not in many]
     return [*out, *(f"{_counted(paths)} in {folder}" for folder, paths in many.items())]
 
 
 def _counted(paths: list[Path]) -> str:
     """ "8 pictures and camera.json"."""
-    others = [path.name for path in paths if path.suffix.lower() not in _PICTURES]
-    return " and ".join([f"{len(paths) - len(others)} pictures", *others])
+    pictures = _pictures(paths)
+    return " and ".join([f"{len(pictures)} pictures", *(path.name for path in paths if path not in pictures)])
+
+
+def _pictures(paths: list[Path]) -> list[Path]:
+    return [path for path in paths if path.suffix.lower() in _PICTURES]

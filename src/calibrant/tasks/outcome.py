@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -51,3 +52,14 @@ class Outcome:
     summary: Callable[[], Any] | None = None
     page: Callable[[], str] | None = None
     refusal: RefusedError | None = None
+
+
+def result_document(result: CalibrationResult, path: Path) -> Document:
+    """A result file, its text made when its turn comes."""
+    return Document(path, partial(_result_bytes, result))
+
+
+def _result_bytes(result: CalibrationResult) -> bytes:
+    from calibrant.data.result_file import result_text
+
+    return (result_text(result) + "\n").encode()

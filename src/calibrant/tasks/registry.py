@@ -53,6 +53,7 @@ TASKS = {
         "studies.methods", "Compare all ways to calibrate a camera.", out="Write every figure (JSON) here."
     ),
     "report": Entry("results.report", "Show a result file, or make its HTML report.", ()),
+    "kinematics": Entry("robots.kinematics", "Identify and correct a robot's geometry.", ("report", "json")),
     "next-pose": Entry("robots.next_pose", "Say which poses to take next, or from the start.", ("report", "json")),
     "time-offset": Entry("robots.time_offset", "Find the offset between camera's and robot's clocks."),
     "dynamic": Entry("robots.dynamic", "Locate a camera beside the robot through the wrist camera."),

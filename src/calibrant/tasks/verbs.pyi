@@ -179,6 +179,27 @@ def report(
     target_sigma: str | None = None,
     force: bool = False,
 ) -> CalibrationResult: ...
+def kinematics(
+    *,
+    measurements: Words,
+    robot_format: str | None = None,
+    robot: str | None = None,
+    robot_link: str | None = None,
+    robot_base: str | None = None,
+    joint_angle: str = "auto",
+    identify: Words = (),
+    hold: Words = (),
+    payload: str | None = None,
+    pose_units: str = "auto",
+    pose_rotation: str = "auto",
+    pose_angle: str = "auto",
+    exclude: Words = (),
+    corrected: str | Path | None = None,
+    commands: str | Path | None = None,
+    commands_out: str | Path | None = None,
+    out: str | Path | None = None,
+    force: bool = False,
+) -> CalibrationResult: ...
 def next_pose(
     *,
     robot: str,

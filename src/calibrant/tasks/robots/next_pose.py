@@ -12,7 +12,7 @@ from calibrant.tasks import session
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.option import Option
 from calibrant.tasks.options.words import pixels
-from calibrant.tasks.outcome import Document, Outcome
+from calibrant.tasks.outcome import Document, Outcome, result_document
 
 if TYPE_CHECKING:
     import numpy as np
@@ -85,7 +85,7 @@ class Request:
     robot_base: Annotated[str | None, Option("NAME")] = None
     """URDF: the link that starts the chain."""
     out: Annotated[Path | None, Option("FILE.csv", "-o", output="file")] = None
-    """Write poses (T_base_gripper, metres) and joint values (radians, metres) here."""
+    """Write poses (T_base_gripper, metres) and joint values (radians, metres) here; a name in .json: the result."""
 
 
 def reads(request: Request) -> list[str | Path]:
@@ -120,8 +120,12 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
         )  # fmt: skip
         count = request.count or (1 if request.result is not None else DEFAULT_COUNT)
         found = _view_plan(plan_views(known, goal, points, pool, count), chain, request, wishes.distance)
-    written = () if request.out is None else (Document(request.out, partial(_plan_csv, found)),)
-    return Outcome(result=_plan_result(found, request), documents=written)
+    result = _plan_result(found, request)
+    if request.out is None:
+        return Outcome(result=result)
+    table = Document(request.out, partial(_plan_csv, found))
+    as_result = request.out.suffix.lower() == ".json"
+    return Outcome(result=result, documents=(result_document(result, request.out) if as_result else table,))
 
 
 def _wishes(request: Request) -> Wishes:

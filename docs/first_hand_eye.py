@@ -1,6 +1,7 @@
 """Makes what docs/first-hand-eye.md shows: the sets of photos, the pictures of them, the table, the commands' output.
 
     python docs/first_hand_eye.py                       pictures into docs/images, output and table into the page
+    python docs/first_hand_eye.py --page                output alone
     python docs/first_hand_eye.py --sets FOLDER         the sets of photos alone, to try the commands on
 
 Everything follows from the seeds below, so that a second run changes nothing.
@@ -192,7 +193,7 @@ BLOCK = re.compile(
 COMMAND = re.compile(r"```bash\n(?P<lines>(?:calibrant [^\n]*\n(?: [^\n]*\n)*)+)```")
 
 
-def refreshed(page: str, folder: Path, table: str) -> str:
+def refreshed(page: str, folder: Path, table: str | None) -> str:
     """The page with its table, and behind every command what the command prints.
 
     `<!-- out FIRST ... LAST -->` stands before a text block: from the line that starts with FIRST to the one before
@@ -207,6 +208,8 @@ def refreshed(page: str, folder: Path, table: str) -> str:
             out.append(match[0])
         elif match["what"] == "out":
             out.append(match["mark"] + "\n```text\n" + excerpt(said, match["first"], match["last"]) + "\n```")
+        elif match["what"] == "table" and table is None:
+            out.append(match[0])
         else:
             out.append(match["mark"] + "\n" + (table if match["what"] == "table" else truth()))
     return "".join(out) + page[at:]
@@ -219,13 +222,14 @@ def truth() -> str:
 
 
 def run(line: str, folder: Path) -> str:
-    """Everything that a command prints, its exit status behind it where that is not 0."""
+    """What a command prints, without its progress; its exit status behind it where that is not 0."""
     command = f"{sys.executable} -m {line}"
     done = subprocess.run(
         command, shell=True, cwd=folder, text=True, capture_output=True, env=environment(), check=False
     )
+    errors = "".join(line for line in done.stderr.splitlines(keepends=True) if line.startswith("calibrant:"))
     status = f"(exit status {done.returncode})\n" if done.returncode else ""
-    return "\n".join(text.rstrip() for text in (done.stdout + done.stderr + status).splitlines()) + "\n"
+    return "\n".join(text.rstrip() for text in (done.stdout + errors + status).splitlines()) + "\n"
 
 
 def environment() -> dict[str, str]:
@@ -240,15 +244,16 @@ def excerpt(said: str, first: str | None, last: str | None) -> str:
     start = next((k for k, line in enumerate(lines) if line.startswith(first)), None)
     if start is None:
         raise SystemExit(f"no line starts with {first!r} in:\n{said}")
-    end = next(
-        (k for k in range(start + 1, len(lines)) if (lines[k].startswith(last) if last else not lines[k].strip())), None
-    )
+    below = range(start + 1, len(lines))
+    empty = next((k for k in below if not lines[k].strip()), None)
+    end = next((k for k in below if last and lines[k].startswith(last)), empty)
     return "\n".join(lines[start:end]).rstrip()
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sets", type=Path, help="make the sets of photos in this folder, and nothing else")
+    parser.add_argument("--page", action="store_true", help="run the page's commands again; pictures and table stay")
     given = parser.parse_args()
     if given.sets:
         make_sets(given.sets)
@@ -256,11 +261,18 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         make_sets(folder)
-        for kind in SETS:
-            contact_sheet(folder / kind / "images", DOCS / "images" / f"first-{kind}.webp")
-        draw_cameras(DOCS / "images" / "first-cameras.webp")
-        draw_photos(DOCS / "images" / "first-photos.webp")
-        PAGE.write_text(refreshed(PAGE.read_text(encoding="utf-8"), folder, accuracy_table()), encoding="utf-8")
+        if not given.page:
+            draw(folder)
+        table = None if given.page else accuracy_table()
+        PAGE.write_text(refreshed(PAGE.read_text(encoding="utf-8"), folder, table), encoding="utf-8")
+
+
+def draw(folder: Path) -> None:
+    """The page's pictures, of the sets in a folder."""
+    for kind in SETS:
+        contact_sheet(folder / kind / "images", DOCS / "images" / f"first-{kind}.webp")
+    draw_cameras(DOCS / "images" / "first-cameras.webp")
+    draw_photos(DOCS / "images" / "first-photos.webp")
 
 
 if __name__ == "__main__":

@@ -18,15 +18,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.cell.problem.camera_role import (
-    PIXEL,
-    ROBOT_ROTATION,
-    ROBOT_TRANSLATION,
-    held_camera,
-    image_problem,
-)
+from calibrant.calibrate.cell.problem.camera_role import held_camera
+from calibrant.calibrate.cell.problem.groups import pixel_group, robot_groups
+from calibrant.calibrate.cell.problem.layout import ONLY_ROBOT
+from calibrant.calibrate.cell.problem.problem import cell_of_one, cell_problem
 from calibrant.calibrate.solvers.setup import get_setup
-from calibrant.diagnose.budget.single import NoiseLevels
+from calibrant.diagnose.budget.views import NoiseLevels
 from calibrant.diagnose.next_pose.candidates import CANDIDATES, Candidates, Wishes, candidates, in_view
 from calibrant.diagnose.next_pose.plan import Knowledge, expected, information_of, nothing_known, plan_views, point_goal
 from calibrant.geometry import se3
@@ -98,9 +95,10 @@ def _error(cell: Cell, T_base_gripper: Array, rng: np.random.Generator) -> float
     B, T_base_gripper = B[enough], T_base_gripper[enough]
     seen = observe(cell.camera, cell.target.points, B, sigma_px=NOISE.pixel, rng=rng)
     robot = noisy_poses(T_base_gripper, sigma_mm=SIGMA_ROBOT_MM, sigma_deg=SIGMA_ROBOT_DEG, rng=rng)
-    sigmas = {PIXEL: NOISE.pixel, ROBOT_ROTATION: NOISE.robot_rotation, ROBOT_TRANSLATION: NOISE.robot_translation}
+    levels = dict(zip(robot_groups(ONLY_ROBOT), (NOISE.robot_rotation, NOISE.robot_translation)))
     setup = get_setup(cell.setup)
-    problem = image_problem(setup, seen.views, robot, held_camera(cell.camera), X=cell.X, Z=cell.Z, sigmas=sigmas)
+    one = cell_of_one(setup, robot, seen.views, held_camera(cell.camera))
+    problem = cell_problem(one, one.placed(cell.X, cell.Z), {pixel_group("camera"): NOISE.pixel, **levels})
     X = solve(problem).value(setup.camera_transform)[0]
     return float(1e3 * np.linalg.norm(se3.apply(X, cell.workpiece) - se3.apply(cell.X, cell.workpiece)))
 

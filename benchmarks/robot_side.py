@@ -31,7 +31,8 @@ from calibrant.calibrate.tool.self_visibility import SelfVisibility, calibrate_s
 from calibrant.calibrate.tool.tip import ToolTip, tip_by_sight, tip_by_touch
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, RobotPoses, View
-from calibrant.diagnose.budget.single import NoiseLevels, error_budget
+from calibrant.diagnose.budget.cell import error_budget
+from calibrant.diagnose.budget.views import NoiseLevels
 from calibrant.diagnose.next_pose.candidates import Wishes, candidates
 from calibrant.diagnose.next_pose.plan import information_of, nothing_known, plan_views, point_goal
 from calibrant.errors import RefusedError

@@ -12,10 +12,12 @@ from calibrant.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from calibrant import geometry as geometry
+    from calibrant.calibrate.cell.calibrate import calibrate_cell as calibrate_cell
     from calibrant.calibrate.cell.calibrate import calibrate_several as calibrate_several
     from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye as calibrate_hand_eye
     from calibrant.calibrate.cell.problem.joint_offsets import JointReadings as JointReadings
     from calibrant.calibrate.cell.problem.layout import Pictures as Pictures
+    from calibrant.calibrate.cell.problem.layout import TargetPoses as TargetPoses
     from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics as calibrate_intrinsics
     from calibrant.cameras import Camera as Camera
     from calibrant.data import CalibrationResult as CalibrationResult
@@ -57,7 +59,9 @@ _PUBLIC = {
     "RefusedError": ("calibrant.errors", "RefusedError"),
     "Pictures": ("calibrant.calibrate.cell.problem.layout", "Pictures"),
     "RobotPoses": ("calibrant.data", "RobotPoses"),
+    "TargetPoses": ("calibrant.calibrate.cell.problem.layout", "TargetPoses"),
     "View": ("calibrant.data", "View"),
+    "calibrate_cell": ("calibrant.calibrate.cell.calibrate", "calibrate_cell"),
     "calibrate_hand_eye": ("calibrant.calibrate.cell.hand_eye", "calibrate_hand_eye"),
     "calibrate_intrinsics": ("calibrant.calibrate.intrinsics.calibrate", "calibrate_intrinsics"),
     "calibrate_several": ("calibrant.calibrate.cell.calibrate", "calibrate_several"),

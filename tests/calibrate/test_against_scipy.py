@@ -9,14 +9,9 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from calibrant.calibrate.cell.problem.camera_role import (
-    PIXEL,
-    ROBOT_ROTATION,
-    ROBOT_TRANSLATION,
-    image_problem,
-    prior_camera,
-)
-from calibrant.calibrate.cell.problem.pose_pairs import TARGET_ROTATION, TARGET_TRANSLATION, pose_pair_problem
+from calibrant.calibrate.cell.problem.camera_role import prior_camera
+from calibrant.calibrate.cell.problem.groups import measured_groups, pixel_group, robot_groups
+from calibrant.calibrate.cell.problem.problem import cell_of_one, cell_problem
 from calibrant.calibrate.cell.rig import fit_rig
 from calibrant.calibrate.intrinsics.one_model import calibrate_keeping
 from calibrant.calibrate.intrinsics.target_shape import Flat, shape_of
@@ -66,22 +61,19 @@ def images(seed: int) -> Solution:
     scene = hand_eye_scene("good", setup=setup.name, seed=seed, views=5)
     known = scene.camera
     camera = Camera(known.model, known.image_size, known.values, np.diag((1e-3 * np.abs(known.values) + 1e-4) ** 2))
-    sigmas = {PIXEL: 0.1, ROBOT_ROTATION: 2e-4, ROBOT_TRANSLATION: 5e-5}
-    problem = image_problem(
-        setup, scene.observations.views, scene.robot_poses.T_base_gripper, prior_camera(camera),
-        X=scene.X, Z=scene.Z, sigmas=sigmas, free_scale=True,
-    )  # fmt: skip
-    return solve(problem)
+    rotation, translation = robot_groups("robot")
+    sigmas = {pixel_group("camera"): 0.1, rotation: 2e-4, translation: 5e-5}
+    cell = cell_of_one(setup, scene.robot_poses.T_base_gripper, scene.observations.views, prior_camera(camera))
+    return solve(cell_problem(cell, cell.placed(scene.X, scene.Z), sigmas, free_sizes=("target",)))
 
 
 def pairs(seed: int) -> Solution:
     setup = get_setup(("eye-in-hand", "eye-to-hand")[seed % 2])
     scene = hand_eye_scene("noisy", setup=setup.name, seed=seed, views=6)
-    problem = pose_pair_problem(
-        setup, scene.robot_poses.T_base_gripper, scene.measured_T_camera_target,
-        X=scene.X, Z=scene.Z, sigmas={TARGET_ROTATION: 1e-3, TARGET_TRANSLATION: 1e-3}, free_scale=True,
-    )  # fmt: skip
-    return solve(problem)
+    rotation, translation = robot_groups("robot")
+    sigmas = {measured_groups("camera")[0]: 1e-3, translation: 1e-3, rotation: 0.5e-3}
+    cell = cell_of_one(setup, scene.robot_poses.T_base_gripper, scene.measured_T_camera_target)
+    return solve(cell_problem(cell, cell.placed(scene.X, scene.Z), sigmas, free_sizes=("target",)))
 
 
 def kinematics(seed: int) -> Solution:

@@ -78,17 +78,17 @@ def loop_views(result: CalibrationResult) -> tuple[LoopView, ...]:
 
 def _of_pictures(result: CalibrationResult, layout: Layout, p: Pictures) -> list[LoopView]:
     """The loop of one camera of several at one robot; none for a camera and a target that both stand still."""
-    if not p.movers or not p.observations.views:
+    if not p.movers or p.seen is None or not p.seen.views:
         return []
     X = result.transform(layout.camera_parent(p), p.camera).matrix
     Z = result.transform(layout.target_parent(p), layout.target(p)).matrix
     camera, target = (_grippers(result, layout, robot) for robot in (p.camera_robot, p.target_robot))
     hand = camera or target
     seen = seen_poses(result)
-    centre = np.concatenate([v.points for v in p.observations.views]).mean(axis=0)
+    centre = np.concatenate([v.points for v in p.seen.views]).mean(axis=0)
     robot = "" if len(layout.robots) == 1 else f"{p.robot} "
     out = []
-    for v in p.observations.views:
+    for v in p.seen.views:
         if v.moment not in hand:
             continue
         T_root_camera = camera[v.moment] @ X if camera else X

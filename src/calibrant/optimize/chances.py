@@ -20,6 +20,12 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
+MAXWELL_MEDIAN = 1.5382
+"""Median of the norm of a three-dimensional Gaussian vector, in sigmas."""
+CHI2_6_MEDIAN = 5.348
+"""Median of chi-square with 6 degrees of freedom."""
+CHI2_6_LIMIT = 27.86
+"""chi-square of 6 degrees of freedom at P = 1e-4: in a thousand views, 0.1 would be left out by chance."""
 TERMS = 2000
 """Far beyond what a and b of a million need."""
 _TINY = 1e-300

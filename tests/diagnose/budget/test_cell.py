@@ -13,7 +13,7 @@ from calibrant.calibrate.cell.calibrate import calibrate_several
 from calibrant.calibrate.cell.problem.layout import Pictures
 from calibrant.data import CalibrationResult, Observations, RobotPoses
 from calibrant.data.details import RobotParameters
-from calibrant.diagnose.budget.cell import several_budgets
+from calibrant.diagnose.budget.cell import cell_budgets
 from calibrant.diagnose.budget.volume import parse_volume
 from calibrant.diagnose.budget.workspace import workspace_of_cameras
 from calibrant.diagnose.loop import loop_views
@@ -63,7 +63,7 @@ def cell() -> CalibrationResult:
 
 def test_sources_sum_to_the_stated_covariance_from_the_file_alone(cell: CalibrationResult, tmp_path: Path) -> None:
     result = cb.read(cell.write(tmp_path / "result.json"))
-    budgets = several_budgets(result, target_sigma=0.0)
+    budgets = cell_budgets(result, target_sigma=0.0)
     assert budgets is not None
     assert set(budgets) == {"wrist", "top"}
     for frame, budget in ((("a_gripper", "wrist"), budgets["wrist"]), (("a_base", "top"), budgets["top"])):
@@ -73,7 +73,7 @@ def test_sources_sum_to_the_stated_covariance_from_the_file_alone(cell: Calibrat
 
 
 def test_size_moves_a_camera_by_its_share_of_the_distance(cell: CalibrationResult) -> None:
-    none, some = (several_budgets(replace(cell, target_scale=None), target_sigma=s) for s in (0.0, 1e-3))
+    none, some = (cell_budgets(replace(cell, target_scale=None), target_sigma=s) for s in (0.0, 1e-3))
     assert none is not None
     assert some is not None
     shift = 1e3 * np.sqrt(np.trace(some["top"].budget.sources["target"][3:6, 3:6]))
@@ -92,7 +92,7 @@ def test_a_workspace_for_every_camera(cell: CalibrationResult) -> None:
 
 def test_free_joints_are_refused_in_words(cell: CalibrationResult) -> None:
     with pytest.raises(InputError, match="not available with --identify"):
-        several_budgets(cell.with_detail(RobotParameters({})), target_sigma=0.0)
+        cell_budgets(cell.with_detail(RobotParameters({})), target_sigma=0.0)
 
 
 def test_the_loop_of_every_camera_and_robot_is_drawn(cell: CalibrationResult) -> None:

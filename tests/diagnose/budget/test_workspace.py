@@ -10,17 +10,13 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye
-from calibrant.calibrate.cell.problem.camera_role import (
-    PIXEL,
-    ROBOT_ROTATION,
-    ROBOT_TRANSLATION,
-    image_problem,
-    prior_camera,
-)
+from calibrant.calibrate.cell.problem.camera_role import prior_camera
+from calibrant.calibrate.cell.problem.groups import lens_variable, pixel_group, robot_groups
+from calibrant.calibrate.cell.problem.problem import cell_of_one, cell_problem
 from calibrant.calibrate.solvers.setup import get_setup
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult
-from calibrant.diagnose.budget.single import error_budget
+from calibrant.diagnose.budget.cell import error_budget
 from calibrant.diagnose.budget.volume import Volume, parse_coordinate, parse_fraction, parse_volume
 from calibrant.diagnose.budget.workspace import (
     asked_workspace,
@@ -126,7 +122,9 @@ def test_errors_are_as_large_as_predicted() -> None:
     # A point seen by a camera whose intrinsics came with errors that the mounting has to absorb.
     scene = hand_eye_scene("exact", setup="eye-to-hand")
     setup, rng = get_setup("eye-to-hand"), np.random.default_rng(3)
-    sigmas = {PIXEL: 0.2, ROBOT_ROTATION: 3e-4, ROBOT_TRANSLATION: 1e-4}
+    rotation, translation = robot_groups("robot")
+    sigmas = {pixel_group("camera"): 0.2, rotation: 3e-4, translation: 1e-4}
+    lens = lens_variable("camera")
     point = np.array([0.6, -0.1, 0.05])
     uv = scene.camera.project(se3.apply(se3.inverse(scene.X), point))
     depth = se3.apply(se3.inverse(scene.X), point)[2]
@@ -137,12 +135,13 @@ def test_errors_are_as_large_as_predicted() -> None:
         camera = replace(
             scene.camera, values=scene.camera.values + SIGMA * rng.standard_normal(9), covariance=np.diag(SIGMA**2)
         )
-        fit = solve(image_problem(setup, seen.views, robot, prior_camera(camera), X=scene.X, Z=scene.Z, sigmas=sigmas))
-        X, covariance = fit.value("T_base_camera")[0], fit.covariance("camera")
-        found = Camera(camera.model, camera.image_size, fit.value("camera")[0], covariance)
+        cell = cell_of_one(setup, robot, seen.views, prior_camera(camera))
+        fit = solve(cell_problem(cell, cell.placed(scene.X, scene.Z), sigmas))
+        X, covariance = fit.value("T_base_camera")[0], fit.covariance(lens)
+        found = Camera(camera.model, camera.image_size, fit.value(lens)[0], covariance)
         ray = found.unproject(uv)
         error = se3.apply(X, ray / ray[2] * depth) - point
-        joint = fit.joint_covariance([("T_base_camera", 0), ("T_gripper_target", 0), ("camera", 0)])
+        joint = fit.joint_covariance([("T_base_camera", 0), ("T_gripper_target", 0), (lens, 0)])
         J = point_jacobian(X, found, ray / ray[2] * depth, np.eye(4))
         normalised.append(chi_square(error, J @ joint @ J.T))
     # 3 degrees of freedom each: the sum is chi-square with 120; a 1 in 1000 two-sided bound.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye
 from calibrant.calibrate.solvers.setup import get_setup
-from calibrant.diagnose.budget.single import NoiseLevels
+from calibrant.diagnose.budget.views import NoiseLevels
 from calibrant.diagnose.next_pose.candidates import Candidates, Wishes, candidates, in_view, unwound
 from calibrant.diagnose.next_pose.obstacles import Box, Geometry, Sphere, read_geometry
 from calibrant.diagnose.next_pose.plan import (

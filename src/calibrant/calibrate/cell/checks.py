@@ -1,18 +1,25 @@
-"""Checks of a hand-eye calibration that its own figures answer."""
+"""What a finished cell is asked: each question by figures that its calibration found."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
 import numpy as np
+from numpy.typing import NDArray
 
 from calibrant.calibrate.cell.loop.image_poses import ImagePoses
-from calibrant.calibrate.cell.loop.noise import LoopNoise
 from calibrant.calibrate.cell.starts.seed import Seed
-from calibrant.calibrate.cell.views import HandEyeViews
-from calibrant.calibrate.solvers.loop_errors import LoopErrors
 from calibrant.calibrate.solvers.motion import MotionReport
 from calibrant.calibrate.solvers.setup import SETUPS, Setup
-from calibrant.data import Check, HeldOut, SigmaRobot
+from calibrant.data import Check, Measured, SigmaRobot, TransformEstimate, ViewResult
 from calibrant.optimize.solution import Solution
+
+if TYPE_CHECKING:
+    from calibrant.calibrate.kinematics.identify import IdentifiedParameter
+
+Array = NDArray[np.float64]
 
 SETUP_RATIO = 3.0
 """The other setup is the right one when its loop is this many times more consistent: noise moves the ratio of two loops
@@ -25,6 +32,30 @@ SCALE_WARN = 0.005
 NOTHING = 0.001
 """Millimetres and degrees: the finest that makers state of a robot's repeatability is ten times that."""
 FEW_USED_SHARE = 2 / 3
+HELD_OUT_FACTOR = 2.0
+"""Leaving one of n poses out inflates the error by about 1 + 6 / n; twofold means single poses carry the result."""
+TOGETHER_WARN = 1.5
+"""Noise of a camera in the common fit over its own: a common pose for all leaves it nearly as it is, a few per cent."""
+
+
+@dataclass(frozen=True, eq=False)
+class LoopDeviations:
+    """Distance (n,), mm, and angle (n,), deg, between where views see their target and where the robots put it, and for
+    images the pixels (m,), rms of each view, between what it saw and what the robots predict."""
+
+    mm: Array
+    deg: Array
+    px: Array
+
+    @property
+    def rms(self) -> tuple[float, float]:
+        """Millimetres and degrees; views weigh alike."""
+        return float(np.sqrt(np.mean(self.mm**2))), float(np.sqrt(np.mean(self.deg**2)))
+
+    @property
+    def rms_px(self) -> float | None:
+        """Pixels; views weigh alike: over all points, full boards would weigh more."""
+        return float(np.sqrt(np.mean(self.px**2))) if len(self.px) else None
 
 
 def setup_check(setup: Setup, seed: Seed, other: Seed | None) -> Check:
@@ -50,31 +81,56 @@ def setup_check(setup: Setup, seed: Seed, other: Seed | None) -> Check:
     return Check("setup", "ok", figures, float(ratio))
 
 
-def loop_check(seed: Seed, loop: LoopErrors) -> Check:
-    """Is the transform that must be constant constant?"""
-    text = f"the loop closes to {loop.rms_mm:.3g} mm / {loop.rms_deg:.2g} deg rms over the views used"
-    if seed.loop.score > LOOP_FAIL:
+def loop_check(loop: LoopDeviations, score: float) -> Check:
+    """Is the transform that must be constant constant? score: the loop's typical error over the size of the motion."""
+    mm, deg = loop.rms
+    text = f"the loop closes to {mm:.3g} mm / {deg:.2g} deg rms over the views used"
+    if score > LOOP_FAIL:
         message = (
-            f"{text}, {seed.loop.score:.0%} of the motion: robot and camera do not describe the same motion; check "
+            f"{text}, {score:.0%} of the motion: robot and camera do not describe the same motion; check "
             "pose convention, units, pairing and the target's size"
         )
-        return Check("loop", "fail", message, loop.rms_mm)
-    if seed.loop.score > LOOP_WARN:
-        return Check(
-            "loop", "warn", f"{text}, {seed.loop.score:.0%} of the motion: expect no better accuracy", loop.rms_mm
-        )
-    return Check("loop", "ok", text, loop.rms_mm)
+        return Check("loop", "fail", message, mm)
+    if score > LOOP_WARN:
+        return Check("loop", "warn", f"{text}, {score:.0%} of the motion: expect no better accuracy", mm)
+    return Check("loop", "ok", text, mm)
 
 
-def views_check(data: HandEyeViews) -> Check:
+def loop_score(loop: LoopDeviations, B: Array) -> float:
+    """The loop's rms over the size of the motion, by positions of T_camera_target (n, 4, 4); 0 where nothing moves."""
+    t = 1e3 * B[:, :3, 3]
+    size = float(np.linalg.norm(t - t.mean(axis=0), axis=1).mean())
+    return loop.rms[0] / size if size > 0 and len(B) > 1 else 0.0
+
+
+def through_others_check(reason: str) -> Check:
+    """A list that determines nothing by itself: its frames are known through the others."""
+    return Check("motion", "ok", f"found through the other pictures; by themselves: {reason}")
+
+
+def views_check(views: Sequence[ViewResult]) -> Check:
     """How many poses were used."""
-    used, n = int(data.use.sum()), len(data) + len(data.left_out)
+    used, n = sum(v.used for v in views), len(views)
+    cameras = {v.camera for v in views}
     text = f"{used} of {n} poses used"
     if used < n:
-        text += f"; left out: {', '.join(name for name, _ in data.missing)}"
+        out = [v.id if len(cameras) == 1 else f"{v.camera}: {v.id}" for v in views if not v.used]
+        text += f"; left out: {', '.join(out)}"
     if used < FEW_USED_SHARE * n:
         return Check("views", "warn", f"{text}. More than a third is missing: look for a common cause", float(used))
     return Check("views", "ok", text, float(used))
+
+
+def together_check(camera: str, together: float, own: float) -> Check:
+    """Does a camera fit into the whole as well as it fits by itself? Both noise levels in pixels."""
+    ratio = together / own
+    text = f"{camera}: {together:.3g} px noise together with the others, {own:.3g} px by itself"
+    if ratio > TOGETHER_WARN:
+        text += (
+            ": the cameras moved against each other or against the target, or their photos of one pose were not "
+            "taken at one pose"
+        )
+    return Check(f"together-{camera}", "warn" if ratio > TOGETHER_WARN else "ok", text, ratio)
 
 
 def motion_checks(report: MotionReport) -> tuple[Check, ...]:
@@ -82,21 +138,19 @@ def motion_checks(report: MotionReport) -> tuple[Check, ...]:
     return tuple(Check(f.name, f.status, f.message, f.value) for f in report.findings)
 
 
-def scale_check(size: LoopNoise | None, loop: LoopErrors) -> Check:
-    """Does the target's size fit the robot's motion?"""
-    if size is None:
+def scale_check(scale: Measured | None, at_that_size: tuple[float, float] | None, loop: LoopDeviations) -> Check:
+    """Does the target's size fit the robots' motion? at_that_size: what the loop closes to then, mm and deg."""
+    if scale is None:
         return Check("target-size", "warn", "the motions cannot tell whether the target's size is right")
-    scale = size.size
     off = abs(scale.value - 1)
     text = f"the robot's motion says the target is {scale.value:.4f} ± {scale.sigma:.4f} times the size given"
-    if off > SCALE_WARN and off > SCALE_SIGMAS * scale.sigma:
-        mm, deg = size.rms
-        message = (
-            f"{text}; at that size the loop closes to {mm:.3g} mm / {deg:.2g} deg instead of {loop.rms_mm:.3g} mm / "
-            f"{loop.rms_deg:.2g} deg: measure the target, all distances scale with it"
-        )
-        return Check("target-size", "warn", message, scale.value)
-    return Check("target-size", "ok", text, scale.value)
+    if off <= SCALE_WARN or off <= SCALE_SIGMAS * scale.sigma:
+        return Check("target-size", "ok", text, scale.value)
+    if at_that_size is not None:
+        (mm, deg), (now_mm, now_deg) = at_that_size, loop.rms
+        text += f"; at that size the loop closes to {mm:.3g} mm / {deg:.2g} deg instead of {now_mm:.3g} mm / "
+        text += f"{now_deg:.2g} deg"
+    return Check("target-size", "warn", f"{text}: measure the target, all distances scale with it", scale.value)
 
 
 def image_poses_check(found: ImagePoses | None, robot: SigmaRobot | None) -> tuple[Check, ...]:
@@ -136,21 +190,37 @@ def convergence_check(solution: Solution, settled: bool, rounds: int) -> Check:
     return Check("convergence", "ok", f"{solution.message}; noise levels settled in {rounds} rounds", float(rounds))
 
 
-def held_out_check(held_out: HeldOut, loop: LoopErrors) -> Check:
+def held_out_check(held: LoopDeviations, loop: LoopDeviations) -> Check:
     """Does the calibration predict poses that it has not seen as well as those it has?"""
-    ratio = (held_out.mm or 0.0) / max(loop.rms_mm, 1e-9)
-    text = f"a pose left out of the calibration is predicted to {held_out.mm:.3g} mm / {held_out.deg:.2g} deg rms"
-    # Leaving one of n poses out inflates the error by about 1 + 6 / n; twofold means single poses carry the result.
-    if ratio > 2 and (held_out.mm or 0.0) > 1e-6:
+    mm, deg = held.rms
+    ratio = mm / max(loop.rms[0], 1e-9)
+    text = f"a pose left out of the calibration is predicted to {mm:.3g} mm / {deg:.2g} deg rms"
+    if ratio > HELD_OUT_FACTOR and mm > 1e-6:
         return Check(
             "held-out", "warn", f"{text}, {ratio:.1f} times the loop: too few poses, or single poses carry it", ratio
         )
     return Check("held-out", "ok", text, ratio)
 
 
-def sigma_check(sigma_mm: np.ndarray, parent: str) -> Check:
+def certainty_check(t: TransformEstimate) -> Check:
     """How certain is the camera's position?"""
-    total = float(np.linalg.norm(sigma_mm))
+    sigma_mm = np.asarray(t.sigma_translation_mm)
     axes = ", ".join(f"{s:.2g}" for s in sigma_mm)
-    text = f"the camera's position in the {parent} frame is known to ({axes}) mm (1 sigma along x, y, z)"
-    return Check("certainty", "ok", text, total)
+    text = f"the camera's position in the {t.parent} frame is known to ({axes}) mm (1 sigma along x, y, z)"
+    return Check("certainty", "ok", text, float(np.linalg.norm(sigma_mm)))
+
+
+def joints_check(parameters: Sequence[IdentifiedParameter]) -> Check:
+    """What was found of a robot's joints, in words."""
+    from calibrant.calibrate.kinematics.identify import figure
+
+    found = [p for p in parameters if p.sigma is not None]
+    held = [p for p in parameters if p.sigma is None]
+    text = "; ".join(
+        f"{p.parameter.name} {figure(p.correction, p.parameter.unit)} ± {figure(p.sigma or 0.0, p.parameter.unit)}"
+        for p in found
+    )
+    more = f"; held: {', '.join(f'{p.parameter.name} ({p.reason})' for p in held)}" if held else ""
+    if not found:
+        return Check("joints", "warn", f"nothing of the robot's joints can be told from these pictures{more}", 0.0)
+    return Check("joints", "ok", f"{text}{more}", float(len(found)))

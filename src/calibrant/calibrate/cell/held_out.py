@@ -1,24 +1,26 @@
-"""Held-out error: calibrate without a pose, then ask where that pose sees the target.
+"""Held-out error: calibrate without a moment, then ask where its views see the target.
 
-Every pose is held out once, alone up to `ALONE` poses and in `GROUPS` groups beyond. The noise levels stay those of the
-full fit; the solve starts from it, and where one step leads to its end that step is the full fit's equations less what
-the poses held out have in them (`fit_without`).
+Every moment (a pose of a robot, with all that was seen there) is held out once, alone up to `ALONE` moments and in
+`GROUPS` groups beyond. The noise levels stay those of the full fit; the solve starts from it, and where one step leads
+to its end that step is the full fit's equations less what the poses held out have in them (`fit_without`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.cell.problem.camera_role import CameraRole, image_problem
-from calibrant.calibrate.cell.problem.fit_without import pose_shares
-from calibrant.calibrate.cell.problem.pose_pairs import pose_pair_problem
-from calibrant.calibrate.solvers.setup import Setup
+from calibrant.calibrate.cell.checks import LoopDeviations
+from calibrant.calibrate.cell.fitted import Value, fitted_transforms, prediction
+from calibrant.calibrate.cell.problem.fit_without import PoseShares, pose_shares
+from calibrant.calibrate.cell.problem.groups import lens_variable
+from calibrant.calibrate.cell.problem.layout import poses_variable
+from calibrant.calibrate.cell.problem.problem import Cell, Mask, cell_problem
 from calibrant.cameras import Camera
-from calibrant.data import HeldOut, View
+from calibrant.data import View
 from calibrant.geometry import se3
 from calibrant.optimize import linear
 from calibrant.optimize.levenberg_marquardt import SolverOptions, solve
@@ -37,85 +39,113 @@ NEAR = 5.0
 a sigma is thousandths of the distances and angles that it is bent by."""
 
 
+def loop_deviations(cell: Cell, value: Value, rows: Sequence[Mask]) -> LoopDeviations:
+    """How far these rows of every list, one mask each, are from where the robots put them."""
+    deltas, px = [np.zeros((0, 6))], []
+    for i, p, data in cell.lists:
+        if not p.movers or not rows[i].any():  # no robot stands between: there is no loop
+            continue
+        T = prediction(cell, value, i, rows[i])
+        deltas.append(se3.local(T, data.B[rows[i]]))
+        if data.views is not None:
+            lens = cell.roles[p.camera].camera
+            camera = Camera(lens.model, lens.image_size, value(lens_variable(p.camera))[0])
+            px += [rms_px(camera, data.views[int(k)], pose) for k, pose in zip(np.flatnonzero(rows[i]), T)]
+    mm, deg = se3.mm_and_deg(np.concatenate(deltas))
+    return LoopDeviations(mm, deg, np.array(px))
+
+
+def loop_of_list(cell: Cell, value: Value, i: int) -> LoopDeviations:
+    """How far the used views of list i are from where the robots put them."""
+    return loop_deviations(
+        cell, value, [d.use if k == i else np.zeros(len(d), dtype=bool) for k, d in enumerate(cell.data)]
+    )
+
+
+def leave_out(cell: Cell, fit: Solution) -> LoopDeviations | None:
+    """Errors of views whose moments were left out of the fit; None where none can be left out.
+
+    A moment that alone holds a list of pictures is not left out: nothing would tell where its camera is.
+    """
+    folds = _folds(cell)
+    count = 1 + max((int(f.max()) for f in folds if len(f)), default=-1)
+    shares, parts = _shares(cell, fit), []
+    for k in range(count):
+        out = [f == k for f in folds]
+        if any(d.use.any() and not (d.use & ~o).any() for d, o in zip(cell.data, out)):
+            continue
+        parts.append(loop_deviations(cell, _without(cell, fit, shares, out), out))
+    if not parts:
+        return None
+    mm, deg, px = (np.concatenate([getattr(p, name) for p in parts]) for name in ("mm", "deg", "px"))
+    return LoopDeviations(mm, deg, px)
+
+
+def _folds(cell: Cell) -> list[NDArray[np.intp]]:
+    """The group that each row of every list is held out with; -1 for none."""
+    number: dict[tuple[str, str], int] = {}
+    for i, p, _ in cell.lists:
+        for name in cell.used_ids(i) if p.movers else ():
+            number.setdefault((p.robot, name), len(number))
+    groups = len(number) if len(number) <= ALONE else GROUPS
+    return [
+        np.array(
+            [number[p.robot, n] % groups if use and p.movers else -1 for n, use in zip(data.ids, data.use)],
+            dtype=np.intp,
+        )
+        for _, p, data in cell.lists
+    ]
+
+
 @dataclass(frozen=True, eq=False)
-class PoseErrors:
-    """Held-out errors of each pose (n,): target position, mm, and rotation, deg, in its parent frame; pixels rms."""
+class _Shares:
+    """The shares of one robot's poses in the equations of the fit, and their names."""
 
-    mm: Array
-    deg: Array
-    px: Array | None
-
-    @property
-    def rms(self) -> HeldOut:
-        """Root mean square over the poses, which weigh alike: over all points, full boards would weigh more."""
-        px = None if self.px is None else float(np.sqrt(np.mean(self.px**2)))
-        return HeldOut(float(np.sqrt(np.mean(self.mm**2))), float(np.sqrt(np.mean(self.deg**2))), px)
+    moments: tuple[str, ...]
+    of_poses: PoseShares
 
 
-def leave_out(
-    setup: Setup,
-    T_base_gripper: Array,
-    B: Array,
-    views: Sequence[View] | None,
-    role: CameraRole,
-    fit: Solution,
-    sigmas: Mapping[str, float],
-) -> PoseErrors:
-    """Held-out errors of all poses."""
-    n = len(B)
-    groups = np.arange(n) % (n if n <= ALONE else GROUPS)
-    # Views without a robot pose start where they were found, not where the fit put them: no step from the fit's end.
-    shares = None if role.extra else pose_shares(fit, "T_base_gripper")
-    mm, deg, px = np.empty(n), np.empty(n), np.empty(n)
-    for fold in range(int(groups.max()) + 1):
-        out = groups == fold
-        end = None if shares is None else shares.without(out)
+def _shares(cell: Cell, fit: Solution) -> _Shares | None:
+    """None where other unknowns are eliminated with one robot's poses: several robots, free joints, other views."""
+    robots = [r for r in cell.layout.robots if cell.moments(r)]
+    if len(robots) != 1 or cell.free or any(role.extra for role in cell.roles.values()):
+        return None
+    found = pose_shares(fit, poses_variable(robots[0]))
+    return None if found is None else _Shares(cell.moments(robots[0]), found)
+
+
+def _without(cell: Cell, fit: Solution, shares: _Shares | None, out: Sequence[Mask]) -> Value:
+    """The unknowns of a fit without these rows."""
+    if shares is not None:
+        gone = {n for data, o in zip(cell.data, out) for n, k in zip(data.ids, o) if k}
+        end = shares.of_poses.without(np.array([m in gone for m in shares.moments]))
         if end is not None and end[1] <= NEAR:
-            X, Z, camera = _unknowns(setup, role, fit.problem, end[0], of_images=views is not None)
-        else:
-            X, Z, camera = _fit_without(setup, T_base_gripper, B, views, role, fit, sigmas, out)
-        A = setup.normal_form(T_base_gripper[out])
-        delta = se3.local(Z, A @ X @ B[out])
-        deg[out] = np.rad2deg(np.linalg.norm(delta[:, :3], axis=1))
-        mm[out] = 1e3 * np.linalg.norm(delta[:, 3:], axis=1)
-        if views is not None:
-            predicted = se3.inverse(X) @ se3.inverse(A) @ Z
-            px[out] = [rms_px(camera, views[int(i)], T) for i, T in zip(np.flatnonzero(out), predicted)]
-    return PoseErrors(mm, deg, px if views is not None else None)
+            return _by_name(fit.problem, end[0])
+    rest = cell.kept([~o for o in out])
+    problem = cell_problem(rest, fitted_transforms(cell, fit), fit.sigmas)
+    return _by_name(problem, _end(problem, nearest_start(problem, fit)))
 
 
-def _fit_without(
-    setup: Setup,
-    T_base_gripper: Array,
-    B: Array,
-    views: Sequence[View] | None,
-    role: CameraRole,
-    fit: Solution,
-    sigmas: Mapping[str, float],
-    out: NDArray[np.bool_],
-) -> tuple[Array, Array, Camera]:
-    """Camera and target transform and the camera of a fit without the poses `out`, where one step does not lead."""
-    X, Z = fit.value(setup.camera_transform)[0], fit.value(setup.target_transform)[0]
-    keep = ~out
-    if views is None:
-        problem = pose_pair_problem(setup, T_base_gripper[keep], B[keep], X=X, Z=Z, sigmas=sigmas)
-        start = list(problem.start)
-    else:
-        kept = [v for v, k in zip(views, keep) if k]
-        problem = image_problem(setup, kept, T_base_gripper[keep], role, X=X, Z=Z, sigmas=sigmas)
-        start = list(problem.start)
-        start[problem.variable_index("camera")] = fit.value("camera")
-    start[problem.variable_index("T_base_gripper")] = fit.value("T_base_gripper")[keep]
-    return _unknowns(setup, role, problem, _end(problem, tuple(start)), of_images=views is not None)
+def _by_name(problem: Problem, values: Values) -> Value:
+    return lambda name: values[problem.variable_index(name)]
 
 
-def _unknowns(
-    setup: Setup, role: CameraRole, problem: Problem, values: Values, *, of_images: bool
-) -> tuple[Array, Array, Camera]:
-    X, Z = (values[problem.variable_index(name)][0] for name in (setup.camera_transform, setup.target_transform))
-    if not of_images:
-        return X, Z, role.camera
-    return X, Z, Camera(role.camera.model, role.camera.image_size, values[problem.variable_index("camera")][0])
+def nearest_start(problem: Problem, fit: Solution) -> Values:
+    """Values of the problem's unknowns as fitted with more views, moment by moment; unknowns that are new, as they
+    are."""
+    known = {v.name: v for v in fit.problem.variables}
+    out = []
+    for v in problem.variables:
+        whole = known.get(v.name)
+        if whole is None:
+            out.append(v.values)
+            continue
+        values = fit.value(v.name)
+        if len(values) != v.count:
+            index = {label: k for k, label in enumerate(whole.labels or ())}
+            values = values[[index[label] for label in v.labels or ()]]
+        out.append(values)
+    return tuple(out)
 
 
 def _end(problem: Problem, start: Values) -> Values:
@@ -128,6 +158,6 @@ def _end(problem: Problem, start: Values) -> Values:
 
 def rms_px(camera: Camera, view: View, T_camera_target: Array) -> float:
     """Distance between predicted and observed pixels of a view; points behind the camera count as an image's width."""
-    d = camera.project(se3.apply(T_camera_target, view.points)) - view.uv
+    d = view.residuals(camera, T_camera_target)
     d = np.where(np.isfinite(d), d, float(camera.image_size[0]))
     return float(np.sqrt(np.mean(np.sum(d * d, axis=1))))

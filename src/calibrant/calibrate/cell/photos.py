@@ -1,4 +1,4 @@
-"""From photos to what the hand-eye problem takes: target poses, the camera's role, the views ruled out before."""
+"""From photos to what the problem of a cell takes: the camera's role, and the views ruled out before."""
 
 from __future__ import annotations
 
@@ -9,12 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.calibrate.cell.problem.camera_role import CameraRole, prior_camera
-from calibrant.calibrate.cell.views import (
-    LEAST_SIGMA_PX,
-    HandEyeViews,
-    from_observations,
-    unsharp_views,
-)
+from calibrant.calibrate.cell.views import LEAST_SIGMA_PX, HandEyeViews
 from calibrant.calibrate.cell.views import MINIMUM_POINTS as ENOUGH_POINTS
 from calibrant.calibrate.intrinsics.one_model import calibrate_keeping
 from calibrant.calibrate.pose.target_poses import target_poses
@@ -41,12 +36,14 @@ class Judged:
 
 
 @dataclass(frozen=True, eq=False)
-class Photos:
-    """Views with their target poses, the camera's role in the joint problem, the pixel noise to start from."""
+class Photographed:
+    """A camera's part in a cell: its role, for each of its lists the views that its own calibration kept, those left
+    out, and the pixel noise that the calibration found; None for a camera that was given."""
 
-    data: HandEyeViews
     role: CameraRole
-    sigma_px: float
+    views: tuple[tuple[View, ...], ...]
+    left_out: tuple[ViewResult, ...]
+    sigma_px: float | None
 
 
 def named_by_poses(observations: Observations, poses: RobotPoses, *, given_ids: bool) -> Observations:
@@ -64,35 +61,33 @@ def named_by_poses(observations: Observations, poses: RobotPoses, *, given_ids: 
     return replace(observations, views=views)
 
 
-def prepare_photos(
-    poses: RobotPoses, observations: Observations, camera: Camera | None, model: str, fix: Sequence[str]
-) -> Photos:
-    """Photos with a camera that is given, or that they calibrate. Raises as `calibrate_intrinsics` does."""
-    remarks = unsharp_views(observations.views)
+def photographed(lists: Sequence[Observations], camera: Camera | None, model: str, fix: Sequence[str]) -> Photographed:
+    """A camera that is given, or that all its lists of views calibrate. Raises as `calibrate_intrinsics` does."""
+    every = tuple(v for seen in lists for v in seen.views)
     if camera is not None:
-        judged = judge(observations.views, camera)
-        data = from_observations(poses, replace(observations, views=judged.views), camera).noted(remarks)
-        data = replace(data, left_out=judged.left_out)
-        return Photos(data, prior_camera(camera), data.sigma_px)
-    kept = calibrate_keeping(observations, model=model, fix=fix)
-    result = kept.result
-    sigma = max(result.sigma_px or 0.0, LEAST_SIGMA_PX)
-    data = from_observations(poses, replace(observations, views=kept.views), result.camera, sigma).noted(remarks)
-    data = replace(data, left_out=tuple(v for v in result.views if not v.used))
-    return Photos(data, _calibrated(result.camera, data), sigma)
+        judged = judge(every, camera)
+        role, views, left_out, sigma = prior_camera(camera), judged.views, judged.left_out, None
+    else:
+        kept = calibrate_keeping(replace(lists[0], views=every), model=model, fix=fix)
+        found = kept.result.camera
+        role = CameraRole(found, tuple(n for n, s in found.sigma.items() if s == 0))
+        views, left_out = kept.views, tuple(v for v in kept.result.views if not v.used)
+        sigma = max(kept.result.sigma_px or 0.0, LEAST_SIGMA_PX)
+    by_id = {v.id: v for v in views}
+    parts = tuple(tuple(by_id[v.id] for v in seen.views if v.id in by_id) for seen in lists)
+    return Photographed(role, parts, left_out, sigma)
 
 
-def _calibrated(camera: Camera, data: HandEyeViews) -> CameraRole:
-    """A camera that the same photos determine: those without a use for the robot still count for it."""
-    held = tuple(n for n, s in camera.sigma.items() if s == 0)
-    extra = [(v, T) for v, T, use in zip(data.views or (), data.B, data.use) if not use and len(v) >= MINIMUM_POINTS]
-    usable = [(v, T) for v, T in extra if not np.allclose(T, np.eye(4))]
-    return CameraRole(
-        camera,
-        held,
-        extra=tuple(v for v, _ in usable),
-        extra_poses=np.array([T for _, T in usable]).reshape(-1, 4, 4),
-    )
+def with_unused(role: CameraRole, lists: Sequence[HandEyeViews]) -> CameraRole:
+    """A camera that its own photos determine: those without a use for the robot still count for it."""
+    extra = [
+        (v, T)
+        for data in lists
+        for v, T, use in zip(data.views or (), data.B, data.use)
+        if not use and len(v) >= MINIMUM_POINTS and not np.allclose(T, np.eye(4))
+    ]
+    poses = np.array([T for _, T in extra]).reshape(-1, 4, 4)
+    return replace(role, extra=tuple(v for v, _ in extra), extra_poses=poses)
 
 
 def judge(views: Sequence[View], camera: Camera) -> Judged:

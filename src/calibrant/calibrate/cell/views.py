@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.cameras import Camera
-from calibrant.data import Observations, RobotPoses, View, ViewResult
+from calibrant.data import Observations, RobotPoses, View
 from calibrant.errors import InputError
 
 Array = NDArray[np.float64]
@@ -34,7 +34,6 @@ class HandEyeViews:
     certainty (n,): how many times less certain each B is than the typical one; points (n,), 0 without images.
     sigma_px: pixel noise per axis, as the typical view shows it; 1 without images.
     use (n,): false for a view that is left out; reasons (n,): why, or what to know of it.
-    left_out: views that the camera's own calibration ruled out; they are not among the n.
     """
 
     ids: tuple[str, ...]
@@ -46,13 +45,16 @@ class HandEyeViews:
     sigma_px: float
     use: NDArray[np.bool_]
     reasons: tuple[str | None, ...]
-    left_out: tuple[ViewResult, ...] = ()
 
     @property
-    def missing(self) -> list[tuple[str, str]]:
-        """Names and reasons of all views without a use."""
-        judged = [(i, r or "") for i, r, u in zip(self.ids, self.reasons, self.use) if not u]
-        return [*judged, *((v.id, v.reason or "") for v in self.left_out)]
+    def names(self) -> tuple[str, ...]:
+        """Ids of the views; without images, of the poses."""
+        return self.ids if self.views is None else tuple(v.id for v in self.views)
+
+    @property
+    def missing(self) -> dict[str, str]:
+        """Names of all views without a use, and why."""
+        return {name: reason or "" for name, reason, use in zip(self.names, self.reasons, self.use) if not use}
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -87,15 +89,15 @@ def from_target_poses(poses: RobotPoses, T_camera_target: Array) -> HandEyeViews
         )
     n = len(poses)
     return HandEyeViews(
-        poses.ids,
-        poses.T_base_gripper,
-        T_camera_target,
-        np.zeros((n, 6, 6)),
-        None,
-        np.ones(n),
-        1.0,
-        np.ones(n, dtype=bool),
-        (None,) * n,
+        ids=poses.ids,
+        T_base_gripper=poses.T_base_gripper,
+        B=T_camera_target,
+        covariance=np.zeros((n, 6, 6)),
+        views=None,
+        certainty=np.ones(n),
+        sigma_px=1.0,
+        use=np.ones(n, dtype=bool),
+        reasons=(None,) * n,
     )
 
 
@@ -176,13 +178,13 @@ def from_observations(
         elif len(view) < FEW_POINTS_SHARE * typical_points:
             reasons[i] = f"weak view: only {len(view)} points, the others have {typical_points:.0f} typically"
     return HandEyeViews(
-        tuple(v.moment for v in views),
-        poses.T_base_gripper[matched],
-        B,
-        covariance,
-        tuple(views),
-        certainty,
-        sigma_px,
-        use,
-        tuple(reasons),
+        ids=tuple(v.moment for v in views),
+        T_base_gripper=poses.T_base_gripper[matched],
+        B=B,
+        covariance=covariance,
+        views=tuple(views),
+        certainty=certainty,
+        sigma_px=sigma_px,
+        use=use,
+        reasons=tuple(reasons),
     )

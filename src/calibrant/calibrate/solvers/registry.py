@@ -33,8 +33,20 @@ SOLVERS: dict[str, HandEyeSolver] = {
 }
 
 
+JOINT, MEAN = "joint", "mean"
+METHODS = (JOINT, *SOLVERS, MEAN)
+"""The joint refinement, every closed form, and the mean transform over the closed forms that answered."""
+
+
 def get_solver(name: str) -> HandEyeSolver:
     """The solver of that name. Raises: InputError listing the names there are."""
     if name not in SOLVERS:
         raise InputError(f"no hand-eye method called {name!r}; there are: {', '.join(SOLVERS)}")
     return SOLVERS[name]
+
+
+def require_method(name: str) -> str:
+    """The method's name. Raises: InputError listing the methods there are."""
+    if name not in METHODS:
+        raise InputError(f"unknown method {name!r}; known: {', '.join(METHODS)}")
+    return name

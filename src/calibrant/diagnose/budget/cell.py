@@ -1,9 +1,23 @@
-"""Where the uncertainty of several cameras and robots comes from: the budget of `error_budget`, over all of them.
+"""Where the uncertainty of a calibration comes from: its covariance as a sum of one term a source.
 
-The unknowns x are all transforms of the cell, the nuisances c all lenses and target sizes. The robots' poses r are
-eliminated, K = H_rr^-1 H_rs, and S = [I; -K]^T H_k [I; -K] is what noise source k puts into
-the normal matrix over (x, c); the rest follows as there. A camera's budget is its part of the whole: its own transform,
-its target's and its lens, with what it owes to the other cameras already in their covariance.
+The unknowns x, all transforms of the cell, are estimated with the nuisances c, all lenses and target sizes, and the
+robots' poses. Eliminating these leaves the normal matrix over (x, c); with C = H_xx^-1 the covariance of x for known c,
+and G = -C H_xc the shift of x that an error of c causes,
+
+    Cov(x, c) = sum_k [C S_k C, 0; 0, 0]  +  sum_c [G_c; I] Cov(c) [G_c; I]^T
+
+S_k is what noise source k (pixels, robot rotation, robot translation) puts into H: with the poses' normal block H_rr
+(all sources), K = H_rr^-1 H_rs, completing the square gives S exactly as a sum over sources,
+
+    S = sum_k [I; -K]^T H_k [I; -K].
+
+The first sum is the share of the noise, the second the share of intrinsics and target size. Cov(camera) is the one the
+calibration ended with, whether the same images made it or it was given. A camera's budget is its part of the whole: its
+own transform, its target's and its lens, with what it owes to other cameras already in their covariance.
+
+All that holds for the noise levels found. That they are estimates makes the calibration's covariance larger by a few
+percent (`optimize.level_spread`), by f = tr(N^-1 (Cov(X) stated - intrinsics' share)) / 6 with N the noise's share of
+Cov(X); f - 1 times that share stands by itself.
 """
 
 from __future__ import annotations
@@ -16,107 +30,133 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import splu
 
-from calibrant.calibrate.cell.problem.camera_role import CameraRole
-from calibrant.calibrate.cell.problem.layout import Layout, Pictures, poses_variable, variable
-from calibrant.calibrate.cell.problem.problem import (
-    Several,
+from calibrant.calibrate.cell.problem.groups import (
+    PIXEL,
+    TARGET_ROTATION,
     lens_variable,
-    pixel_group,
-    robot_groups,
     scale_variable,
-    several_problem,
 )
-from calibrant.calibrate.cell.stated import stated_layout
-from calibrant.calibrate.cell.views import from_observations
-from calibrant.calibrate.solvers.setup import get_setup
-from calibrant.data import CalibrationResult
+from calibrant.calibrate.cell.problem.groups import (
+    ROBOT_ROTATION as TURNS,
+)
+from calibrant.calibrate.cell.problem.groups import (
+    ROBOT_TRANSLATION as PLACES,
+)
+from calibrant.calibrate.cell.problem.layout import poses_variable, variable
+from calibrant.calibrate.cell.problem.problem import Cell
+from calibrant.calibrate.solvers.setup import Setup, get_setup
+from calibrant.cameras import Camera
+from calibrant.data import CalibrationResult, Measured
 from calibrant.data.details import RobotParameters
-from calibrant.diagnose.budget.single import (
-    INTRINSICS,
-    PIXELS,
-    ROBOT_ROTATION,
-    ROBOT_TRANSLATION,
-    TARGET,
-    ErrorBudget,
-    inverse_information,
-    with_motion,
-)
-from calibrant.errors import InputError
+from calibrant.diagnose.budget.fit_again import CellAgain, fit_again
+from calibrant.diagnose.budget.views import PIXELS, ROBOT_ROTATION, ROBOT_TRANSLATION, NoiseLevels
+from calibrant.errors import InputError, RefusedError
+from calibrant.geometry import se3
 from calibrant.optimize.factors import Factor, FactorBlocks
 from calibrant.optimize.problem import Problem
 
 Array = NDArray[np.float64]
 Columns = dict[str, NDArray[np.int64]]
 
+INTRINSICS, TARGET, LEVELS = "intrinsics", "target", "uncertain noise levels"
+LOOP_SOURCES = {
+    TARGET_ROTATION: "target rotation",
+    TURNS: "flange rotation",
+    PLACES: "positions of flange and target",
+}
+"""Measured target poses do not tell pixels from robot, nor whose positions are noisy (see `problem.pose_pairs`)."""
+PHOTO_SOURCES = {PIXEL: PIXELS, TURNS: ROBOT_ROTATION, PLACES: ROBOT_TRANSLATION}
+
+TARGET_SIGMA = 5e-4
+"""Relative 1 sigma of a target's size unless stated: 0.1 mm on 200 mm, what a ruler on a print tells."""
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorBudget:
+    """Covariance of (X, Z, camera) by source, each (12 + k, 12 + k) in `se3.retract`'s chart and the camera's units.
+
+    X = T_camera-parent_camera, Z = T_target-parent_target; k is 0 for pose pairs. The sources are independent: their
+    sum is the joint covariance. notes: what is not counted, in whole sentences.
+    """
+
+    setup: Setup
+    X: Array
+    Z: Array
+    camera: Camera | None
+    noise: NoiseLevels | None
+    sources: Mapping[str, Array]
+    target_sigma: float = 0.0
+    notes: tuple[str, ...] = ()
+
+    @property
+    def covariance(self) -> Array:
+        """Joint covariance of (X, Z, camera), all sources."""
+        return np.sum(list(self.sources.values()), axis=0)
+
+    def propagate(self, J: Array) -> dict[str, Array]:
+        """Covariance (..., d, d) by source of any function with the Jacobian J (..., d, 12 + k)."""
+        return {name: J @ C @ np.swapaxes(J, -1, -2) for name, C in self.sources.items()}
+
 
 @dataclass(frozen=True, eq=False)
 class CameraBudget:
-    """A camera of several: its budget, the robot poses (n, 4, 4) it looked from (the identity for a camera that stands
-    still), where the target was in that robot's base, and its middle (3,), target frame.
+    """A camera of a cell: its budget, and for one on a gripper the robot poses (n, 4, 4) it looked from, with where the
+    board's middle then was in the camera (n, 3); None for one that stands still.
 
     parent: the frame that a workspace is given in: the base of the robot that carries it, else the first robot's.
     """
 
     budget: ErrorBudget
-    T_base_gripper: Array
-    T_base_target: Array
-    middle: Array
+    looks: tuple[Array, Array] | None
     parent: str
 
 
-def several_budgets(result: CalibrationResult, *, target_sigma: float) -> dict[str, CameraBudget] | None:
-    """The budget of every camera; None for a result of one camera and one robot.
+def error_budget(result: CalibrationResult, *, target_sigma: float = TARGET_SIGMA) -> ErrorBudget:
+    """The budget of a hand-eye result's camera, the first one, from what its file holds.
+
+    Args: target_sigma, relative 1 sigma of the target's size as it was measured or made; what the robot's motion says
+    of it is taken into account. Raises: InputError for a result of another kind or without the data it was made from;
+    RefusedError where the motions do not determine it.
+    """
+    return next(iter(cell_budgets(result, target_sigma=target_sigma).values())).budget
+
+
+def cell_budgets(result: CalibrationResult, *, target_sigma: float = TARGET_SIGMA) -> dict[str, CameraBudget]:
+    """The budget of every camera, by name. Args and errors as for `error_budget`.
 
     Raises: InputError for a result whose robot's joints were free: its file does not hold their readings.
     """
-    layout = stated_layout(result)
-    if layout is None:
-        return None
+    if result.kind != "hand-eye":
+        raise InputError(f"an error budget needs a hand-eye result; this one is of kind {result.kind!r}")
     if result.detail(RobotParameters) is not None:
         raise InputError(
             "the uncertainty in a workspace is not available with --identify: what the offsets add to it is not in the "
             "result; calibrate with the corrected robot (its poses), without --identify"
         )
-    several = _several(result, layout)
-    problem, levels = _problem(result, several)
-    shared, poses = _columns(problem)
-    totals = _information(problem, levels, shared, poses)
+    again = fit_again(result)
+    shared, poses = _columns(again.problem)
+    totals = _information(again, shared, poses)
     columns = {name: c.ravel() for name, c in shared.items()}
     # The result states the size that the motion tells where there is one target.
-    stated = dict.fromkeys((p.target for p in layout.pictures), with_motion(result.target_scale, target_sigma))
-    sources = _sources(result, layout, columns, totals, stated)
-    notes = tuple(
-        f"{name} was given without a covariance: its lens' error is not counted."
-        for name, camera in result.cameras.items()
-        if camera.covariance is None
-    )
-    notes += ("What the noise levels are themselves uncertain by, a few percent, is not counted.",)
+    sizes = dict.fromkeys(again.cell.layout.target_names, with_motion(result.target_scale, target_sigma))
+    sources = _sources(result, again.cell, columns, totals, sizes)
     out: dict[str, CameraBudget] = {}
-    for i, p in enumerate(layout.pictures):
+    for i, p in enumerate(again.cell.layout.pictures):
         if p.camera not in out:
-            out[p.camera] = _of_camera(result, several, i, columns, sources, stated[p.target], notes)
+            out[p.camera] = _camera_budget(result, again, i, columns, sources, sizes[p.target])
     return out
 
 
-def _several(result: CalibrationResult, layout: Layout) -> Several:
-    data = tuple(
-        from_observations(layout.robots[p.robot], p.observations, result.cameras[p.camera]) for p in layout.pictures
-    )
-    roles = {name: CameraRole(camera, ()) for name, camera in result.cameras.items()}
-    return Several(layout, data, roles, {})
+def with_motion(measured: Measured | None, stated: float) -> float:
+    """RMS error of the size that the calibration used, given what was known before and what the motion says.
 
-
-def _problem(result: CalibrationResult, several: Several) -> tuple[Problem, dict[str, float]]:
-    """The joint problem at the result, sizes free, and the noise levels it states."""
-    layout, cell = several.layout, result.cell
-    transforms = {f: result.transform(*f).matrix for f in layout.unknown}
-    pixels = cell.sigma_px if cell is not None else {}
-    levels = {pixel_group(c): float(pixels.get(c, result.sigma_px or 0.0)) for c in layout.cameras}
-    for robot in layout.robots:
-        stated = (cell.sigma_robot if cell is not None else {}).get(robot, result.sigma_robot)
-        if stated is not None:
-            levels |= dict(zip(robot_groups(robot), (float(np.deg2rad(stated.deg)), 1e-3 * stated.mm)))
-    return several_problem(several, transforms, levels, free_scale=True), levels
+    Both are normal: the size is m +- s with 1 / s^2 = 1 / stated^2 + 1 / sigma^2 and m between 1 and the measured
+    value. The calibration used 1, so its error is sqrt((m - 1)^2 + s^2).
+    """
+    if stated == 0.0 or measured is None or measured.sigma == 0.0:
+        return stated
+    weight = stated**2 / (stated**2 + measured.sigma**2)
+    return float(np.hypot(weight * (measured.value - 1), np.sqrt(weight) * measured.sigma))
 
 
 def _columns(problem: Problem) -> tuple[Columns, Columns]:
@@ -132,27 +172,29 @@ def _columns(problem: Problem) -> tuple[Columns, Columns]:
     return shared, poses
 
 
-def _information(problem: Problem, levels: Mapping[str, float], shared: Columns, poses: Columns) -> dict[str, Array]:
+def _information(again: CellAgain, shared: Columns, poses: Columns) -> dict[str, Array]:
     """Normal matrices over the shared unknowns by source, robot poses eliminated."""
-    columns = shared | poses
+    columns, problem = shared | poses, again.problem
     size = 1 + max(int(c.max()) for c in columns.values())
     first = min(int(c.min()) for c in poses.values())
-    H = {source: csc_array((size, size)) for source in (PIXELS, ROBOT_ROTATION, ROBOT_TRANSLATION)}
+    H: dict[str, csc_array] = {}
     for k, factor in enumerate(problem.factors):
-        blocks = factor.blocks(problem.gather(k, problem.start), sigma=problem.sigma(factor, levels))
-        source = _source_of(factor)
-        H[source] = H[source] + _sparse(factor, blocks, columns, size)
-    total = H[PIXELS] + H[ROBOT_ROTATION] + H[ROBOT_TRANSLATION]
-    K = splu(total[first:, first:]).solve(total[first:, :first].toarray())
+        blocks = factor.blocks(problem.gather(k, again.values), sigma=problem.sigma(factor, again.levels))
+        source = _source_of(again.cell, factor)
+        H[source] = H.get(source, csc_array((size, size))) + _sparse(factor, blocks, columns, size)
+    total = sum(H.values(), csc_array((size, size)))
+    K = splu(csc_array(total[first:, first:])).solve(total[first:, :first].toarray())
     lift = np.concatenate([np.eye(first), -K])
     return {source: lift.T @ (part @ lift) for source, part in H.items()}
 
 
-def _source_of(factor: Factor) -> str:
-    rotation, translation = robot_groups("")
-    if factor.noise.startswith(rotation):
-        return ROBOT_ROTATION
-    return ROBOT_TRANSLATION if factor.noise.startswith(translation) else PIXELS
+def _source_of(cell: Cell, factor: Factor) -> str:
+    """What the factor's noise is called; without images the robot's is not told from the target's."""
+    names = PHOTO_SOURCES if cell.roles else {}
+    for group, source in {**LOOP_SOURCES, **names}.items():
+        if factor.noise.startswith(group):
+            return source
+    return factor.noise
 
 
 def _sparse(factor: Factor, blocks: FactorBlocks, columns: Columns, size: int) -> csc_array:
@@ -177,7 +219,7 @@ def _sparse(factor: Factor, blocks: FactorBlocks, columns: Columns, size: int) -
 
 def _sources(
     result: CalibrationResult,
-    layout: Layout,
+    cell: Cell,
     columns: Columns,
     totals: Mapping[str, Array],
     sizes: Mapping[str, float],
@@ -185,17 +227,19 @@ def _sources(
     """Covariance over all shared unknowns by source."""
     H = np.sum(list(totals.values()), axis=0)
     size = len(H)
-    x = np.concatenate([columns[variable(f)] for f in layout.unknown])
+    x = np.concatenate([columns[variable(f)] for f in cell.layout.unknown])
     C = inverse_information(H[np.ix_(x, x)])
     out = {}
     for name, S in totals.items():
         out[name] = np.zeros((size, size))
         out[name][np.ix_(x, x)] = C @ S[np.ix_(x, x)] @ C
-    out[INTRINSICS], out[TARGET] = np.zeros((size, size)), np.zeros((size, size))
-    for name, camera in result.cameras.items():
-        if camera.covariance is not None and lens_variable(name) in columns:
+    if cell.roles:
+        out[INTRINSICS] = np.zeros((size, size))
+    for name, role in cell.roles.items():
+        if role.camera.covariance is not None and lens_variable(name) in columns:
             lift = _lift(H, C, x, columns[lens_variable(name)])
-            out[INTRINSICS] += lift @ camera.covariance @ lift.T
+            out[INTRINSICS] += lift @ role.camera.covariance @ lift.T
+    out[TARGET] = np.zeros((size, size))
     for target, sigma in sizes.items():
         if scale_variable(target) in columns:
             lift = _lift(H, C, x, columns[scale_variable(target)])
@@ -211,35 +255,64 @@ def _lift(H: Array, C: Array, x: NDArray[np.int64], c: NDArray[np.int64]) -> Arr
     return lift
 
 
-def _of_camera(
+def inverse_information(H: Array) -> Array:
+    """Inverse of the information of all transforms, scaled. Raises: RefusedError when it is singular."""
+    scale = 1 / np.sqrt(np.maximum(np.diag(H), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(H * scale[:, None] * scale)
+    # Entries carry rounding of some 1e-16 times the number of sums; four digits of margin.
+    if values[0] < 1e-12:
+        raise RefusedError("the views do not determine the calibration: no uncertainty can be stated")
+    inverse = (vectors / values) @ vectors.T
+    return inverse * scale[:, None] * scale
+
+
+def _camera_budget(
     result: CalibrationResult,
-    several: Several,
+    again: CellAgain,
     i: int,
     columns: Columns,
     sources: Mapping[str, Array],
     size: float,
-    notes: tuple[str, ...],
 ) -> CameraBudget:
-    layout, p = several.layout, several.layout.pictures[i]
+    """The part of the whole that belongs to the camera of list i."""
+    layout, p = again.cell.layout, again.cell.layout.pictures[i]
     at, on = (layout.camera_parent(p), p.camera), (layout.target_parent(p), layout.target(p))
-    mine = np.concatenate([columns[variable(at)], columns[variable(on)], columns[lens_variable(p.camera)]])
-    setup = get_setup("eye-in-hand" if p.camera_robot is not None else "eye-to-hand")
+    role = again.cell.roles.get(p.camera)
+    lens = [] if role is None else [columns[lens_variable(p.camera)]]
+    mine = np.concatenate([columns[variable(at)], columns[variable(on)], *lens])
+    in_hand = p.camera_robot is not None
     budget = ErrorBudget(
-        setup,
+        get_setup("eye-in-hand" if in_hand else "eye-to-hand"),
         result.transform(*at).matrix,
         result.transform(*on).matrix,
-        result.cameras[p.camera],
-        None,
-        {name: C[np.ix_(mine, mine)] for name, C in sources.items()},
+        None if role is None else role.camera,
+        again.noise_of(p) if role is not None else None,
+        _with_levels(result.transform(*at).covariance, {name: C[np.ix_(mine, mine)] for name, C in sources.items()}),
         size,
-        notes,
+        _notes(again.cell, p.camera),
     )
-    parent = layout.root if p.camera_robot is None else layout.base(p.camera_robot)
-    seen = np.concatenate([v.points for v in p.observations.views])
-    T_base_target = several.data[i].T_base_gripper @ budget.X @ several.data[i].B
-    return CameraBudget(budget, _looks(several, i, p), T_base_target[0], seen.mean(axis=0), parent)
+    if p.camera_robot is None:
+        return CameraBudget(budget, None, layout.root)
+    data = again.cell.data[i]
+    points = [np.zeros(3)] * len(data) if data.views is None else [v.points.mean(axis=0) for v in data.views]
+    return CameraBudget(budget, (data.T_base_gripper, se3.apply(data.B, np.array(points))), layout.base(p.robot))
 
 
-def _looks(several: Several, i: int, p: Pictures) -> Array:
-    """Robot poses of the used views; the identity where no robot carries the camera."""
-    return np.eye(4)[None] if p.camera_robot is None else several.data[i].T_base_gripper
+def _notes(cell: Cell, camera: str) -> tuple[str, ...]:
+    role = cell.roles.get(camera)
+    if role is None:
+        return ("Made from target poses: pixels, intrinsics and robot are one noise of the loop.",)
+    if role.camera.covariance is None:
+        return ("The camera was given without a covariance: its error is not counted.",)
+    return ()
+
+
+def _with_levels(stated: Array | None, sources: dict[str, Array]) -> dict[str, Array]:
+    """The sources with what the noise levels' own uncertainty adds; as they are where the result states nothing."""
+    if stated is None:
+        return sources
+    noise = np.sum([C for name, C in sources.items() if name not in (TARGET, INTRINSICS)], axis=0)
+    by_noise = stated - sources[INTRINSICS][:6, :6] if INTRINSICS in sources else stated
+    # An inverse is convex: less than 1 is rounding, or the weights of points that were left out.
+    factor = float(np.trace(np.linalg.solve(noise[:6, :6], by_noise))) / 6
+    return {**sources, LEVELS: max(factor - 1, 0.0) * noise}

@@ -27,8 +27,7 @@ from numpy.typing import NDArray
 
 from calibrant.cameras import Camera
 from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Check, Measured, verdict_of
-from calibrant.diagnose.budget.cell import several_budgets
-from calibrant.diagnose.budget.single import TARGET_SIGMA, ErrorBudget, error_budget, used_views
+from calibrant.diagnose.budget.cell import TARGET_SIGMA, CameraBudget, ErrorBudget, cell_budgets
 from calibrant.diagnose.budget.volume import STEPS, Volume, check_request, parse_fraction, parse_volume
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
@@ -113,9 +112,8 @@ def workspace_uncertainty(
     Args: target_sigma, relative 1 sigma of the target's size. Raises: InputError as `error_budget`, or when no point
     of the volume can be seen; RefusedError where the motions do not determine the result.
     """
-    budget = error_budget(result, target_sigma=target_sigma)
-    looks = _calibration_looks(result, budget) if budget.setup.camera_parent == "gripper" else None
-    return _in_volume(budget, looks, volume, steps)
+    own = next(iter(cell_budgets(result, target_sigma=target_sigma).values()))
+    return _in_volume(own, volume, steps)
 
 
 def workspace_of_cameras(
@@ -126,26 +124,21 @@ def workspace_of_cameras(
 
     Raises: InputError as `workspace_uncertainty`, naming the camera; or where joints were free.
     """
-    several = several_budgets(result, target_sigma=target_sigma)
-    if several is None:
-        name = next(iter(result.cameras), DEFAULT_CAMERA)
-        return {name: workspace_uncertainty(result, volume, target_sigma=target_sigma, steps=steps)}
+    own = cell_budgets(result, target_sigma=target_sigma)
+    if len(own) == 1:
+        (one,) = own.values()
+        return {next(iter(result.cameras), DEFAULT_CAMERA): _in_volume(one, volume, steps)}
     out = {}
-    for name, own in several.items():
-        looks = None
-        if own.budget.setup.camera_parent == "gripper":
-            B = se3.inverse(own.T_base_gripper @ own.budget.X) @ own.T_base_target
-            looks = own.T_base_gripper, se3.apply(B, own.middle)
+    for name, one in own.items():
         try:
-            out[name] = replace(_in_volume(own.budget, looks, volume, steps), base=own.parent)
+            out[name] = _in_volume(one, volume, steps)
         except InputError as error:
             raise InputError(f"camera {name}: {error}") from error
     return out
 
 
-def _in_volume(
-    budget: ErrorBudget, looks: tuple[Array, Array] | None, volume: Volume, steps: Sequence[int]
-) -> WorkspaceUncertainty:
+def _in_volume(own: CameraBudget, volume: Volume, steps: Sequence[int]) -> WorkspaceUncertainty:
+    budget, looks = own.budget, own.looks
     points = volume.grid(steps)
     flat = points.reshape(-1, 3)
     covariances, visible = _seen(budget, looks, np.vstack([flat, volume.centre]))
@@ -163,6 +156,7 @@ def _in_volume(
         budget.setup.camera_parent,
         budget.target_sigma,
         budget.notes,
+        own.parent,
     )
 
 
@@ -298,7 +292,7 @@ def _seen(
 ) -> tuple[dict[str, Array], NDArray[np.bool_]]:
     """Covariance (m, 3, 3) of base points (m, 3) by source, and whether they are in an image.
 
-    looks: for a camera on a gripper, as `_calibration_looks`.
+    looks: for a camera on a gripper, as in `CameraBudget`.
     """
     if looks is None:
         p = se3.apply(se3.inverse(budget.X), points)
@@ -337,17 +331,3 @@ def _in_image(budget: ErrorBudget, p: Array) -> NDArray[np.bool_]:
         inside = np.all((uv > -0.5) & (uv < size - 0.5), axis=-1)
     # Beyond its valid field a distorted camera's pixels fold back into the image.
     return np.asarray(inside & budget.camera.model.valid(budget.camera.values, p))
-
-
-def _calibration_looks(result: CalibrationResult, budget: ErrorBudget) -> tuple[Array, Array]:
-    """T_base_gripper (n, 4, 4) of the calibration's views, and where the board's middle was in the camera (n, 3)."""
-    if result.observations is not None:
-        views, robot = used_views(result, budget.setup, budget.X, budget.Z)
-        middle = np.array([v.points.mean(axis=0) for v in views])
-    else:
-        if result.robot_poses is None:
-            raise InputError("the result holds no robot poses; calibrate again with this version")
-        robot = result.robot_poses.T_base_gripper
-        middle = np.zeros((len(robot), 3))
-    B = se3.inverse(robot @ budget.X) @ budget.Z
-    return robot, se3.apply(B, middle)

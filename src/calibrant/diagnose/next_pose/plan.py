@@ -23,7 +23,8 @@ from calibrant.calibrate.solvers.setup import Setup
 from calibrant.cameras import Camera
 from calibrant.cancel import checkpoint
 from calibrant.data import CalibrationResult, View
-from calibrant.diagnose.budget.single import LEVELS, TARGET, NoiseLevels, error_budget, view_information
+from calibrant.diagnose.budget.cell import LEVELS, TARGET, error_budget
+from calibrant.diagnose.budget.views import NoiseLevels, view_information
 from calibrant.diagnose.budget.workspace import point_jacobian, radius_mm, sigma_mm
 from calibrant.diagnose.next_pose.candidates import Candidates
 from calibrant.errors import InputError

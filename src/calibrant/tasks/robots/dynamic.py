@@ -144,7 +144,7 @@ def wrist_of(path: Path, sigma_px: float | None) -> tuple[WristCamera, DynamicNo
     from calibrant.calibrate.dynamic.problem import WristCamera
     from calibrant.calibrate.dynamic.track import DynamicNoise
     from calibrant.data.result_file import read_result
-    from calibrant.diagnose.budget.single import error_budget
+    from calibrant.diagnose.budget.cell import error_budget
 
     budget = error_budget(read_result(path))
     if budget.setup.camera_parent != "gripper" or budget.camera is None or budget.noise is None:

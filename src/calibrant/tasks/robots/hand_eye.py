@@ -129,7 +129,7 @@ def _common(request: Request, listener: Listener) -> ListRequest:
 
 def _check_options(request: Request, names: Names) -> None:
     """Options that do not go together. Raises: InputError."""
-    from calibrant.calibrate.cell.by_method import JOINT, require_method
+    from calibrant.calibrate.solvers.registry import JOINT, require_method
 
     request.volume.check()
     closed_form = require_method(request.method) != JOINT
@@ -156,14 +156,14 @@ def _calibrated(
     lists: Sequence[ReadList], names: Names, common: ListRequest, identify: tuple[str, ...], method: str
 ) -> CalibrationResult:
     """All lists in one problem."""
-    from calibrant.calibrate.cell.calibrate import calibrate_several
+    from calibrant.calibrate.cell.calibrate import calibrate_cell
     from calibrant.calibrate.cell.problem.layout import ONLY_ROBOT
 
     if names.plain and not identify and lists[0].camera == ONLY_CAMERA and lists[0].diagnosis is not None:
         return _calibrated_alone(lists[0], common, method)
     robots = {name or ONLY_ROBOT: poses_of(lists, name or ONLY_ROBOT) for name in names.poses}
     joints = {name: joints_of(lists, name, robots[name], common) for name in robots} if identify else None
-    return calibrate_several(
+    return calibrate_cell(
         robots,
         [p.pictures for p in lists if p.pictures is not None],
         cameras={p.camera: p.lens for p in lists if p.lens is not None},

@@ -150,7 +150,7 @@ def _wishes(request: Request) -> Wishes:
 def _knowledge(request: Request) -> tuple[Knowledge, str | None]:
     """What is known, and the target that the result was made with."""
     from calibrant.calibrate.solvers.setup import get_setup
-    from calibrant.diagnose.budget.single import NoiseLevels
+    from calibrant.diagnose.budget.views import NoiseLevels
     from calibrant.diagnose.next_pose.plan import known_from, nothing_known
     from calibrant.tasks.inputs.placement import parse_noise, parse_placement
 

@@ -85,7 +85,7 @@ def _standing(known: CalibrationResult, path: Path) -> tuple[Camera, TransformEs
     """
     import numpy as np
 
-    from calibrant.diagnose.budget.single import error_budget
+    from calibrant.diagnose.budget.cell import error_budget
 
     place = next((t for t in known.transforms if (t.parent, t.child) == ("base", "camera")), None)
     if place is None or len(known.cameras) != 1:

@@ -5,16 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibrant.calibrate.cell.problem.camera_role import (
-    FLOORS,
-    PIXEL,
-    ROBOT_ROTATION,
-    ROBOT_TRANSLATION,
-    CameraRole,
-    image_problem,
-)
+from calibrant.calibrate.cell.problem.camera_role import CameraRole
 from calibrant.calibrate.cell.problem.fit_without import pose_shares
-from calibrant.calibrate.cell.problem.pose_pairs import TARGET_ROTATION, TARGET_TRANSLATION, pose_pair_problem
+from calibrant.calibrate.cell.problem.groups import lens_variable, pixel_group, robot_groups
+from calibrant.calibrate.cell.problem.layout import poses_variable
+from calibrant.calibrate.cell.problem.problem import cell_of_one, cell_problem
 from calibrant.calibrate.solvers.setup import get_setup
 from calibrant.optimize import linear
 from calibrant.optimize.noise import estimate_noise
@@ -23,6 +18,7 @@ from calibrant.optimize.solution import Solution
 from calibrant.simulate.scenes import Setup, hand_eye_scene
 
 VIEWS = 12
+POSES, LENS = poses_variable("robot"), lens_variable("camera")
 LEFT_OUT = [(3,), (0, 5, 11)]
 SHARE = 1e-6
 """Of the step: both ways take the same differences of sums, in another order."""
@@ -33,12 +29,12 @@ SHARE = 1e-6
 def test_pose_pairs_as_a_problem_without_them(name: Setup, out: tuple[int, ...]) -> None:
     scene, setup = hand_eye_scene("good", views=VIEWS, seed=3, setup=name), get_setup(name)
     robot, B = scene.robot_poses.T_base_gripper, scene.measured_T_camera_target
-    levels = {TARGET_ROTATION: 1e-4, TARGET_TRANSLATION: 1e-4}
-    whole = pose_pair_problem(setup, robot, B, X=scene.X, Z=scene.Z, sigmas=levels)
-    fit = estimate_noise(whole, floors=FLOORS).solution
+    whole = cell_of_one(setup, robot, B)
+    levels = whole.levels((1e-4, 1e-4))
+    fit = estimate_noise(cell_problem(whole, whole.placed(scene.X, scene.Z), levels), floors=whole.floors()).solution
     keep = ~np.isin(np.arange(VIEWS), out)
     X, Z = fit.value(setup.camera_transform)[0], fit.value(setup.target_transform)[0]
-    rest = pose_pair_problem(setup, robot[keep], B[keep], X=X, Z=Z, sigmas=fit.sigmas)
+    rest = cell_problem(whole.kept([keep]), whole.placed(X, Z), fit.sigmas)
     assert_same_step(fit, rest, keep, (setup.camera_transform, setup.target_transform))
 
 
@@ -50,25 +46,22 @@ def test_images_as_a_problem_without_them(out: tuple[int, ...]) -> None:
     root = 1e-2 * np.eye(len(names))[1:]
     role = CameraRole(scene.camera, names[:1], root)
     robot, views = scene.robot_poses.T_base_gripper, scene.observations.views
-    levels = {PIXEL: 0.1, ROBOT_ROTATION: 1e-4, ROBOT_TRANSLATION: 1e-4}
-    fit = estimate_noise(
-        image_problem(setup, views, robot, role, X=scene.X, Z=scene.Z, sigmas=levels), floors=FLOORS
-    ).solution
+    whole = cell_of_one(setup, robot, views, role)
+    rotation, translation = robot_groups("robot")
+    levels = {pixel_group("camera"): 0.1, rotation: 1e-4, translation: 1e-4}
+    fit = estimate_noise(cell_problem(whole, whole.placed(scene.X, scene.Z), levels), floors=whole.floors()).solution
     keep = ~np.isin(np.arange(VIEWS), out)
     X, Z = fit.value(setup.camera_transform)[0], fit.value(setup.target_transform)[0]
-    kept = [view for view, k in zip(views, keep) if k]
-    rest = image_problem(setup, kept, robot[keep], role, X=X, Z=Z, sigmas=fit.sigmas)
-    assert_same_step(fit, rest, keep, (setup.camera_transform, setup.target_transform, "camera"))
+    rest = cell_problem(whole.kept([keep]), whole.placed(X, Z), fit.sigmas)
+    assert_same_step(fit, rest, keep, (setup.camera_transform, setup.target_transform, LENS))
 
 
 def test_nothing_where_too_few_poses_are_left() -> None:
     """One pose determines neither transform: the step is refused, not made up."""
     scene, setup = hand_eye_scene("good", views=4, seed=3), get_setup("eye-in-hand")
-    levels = {TARGET_ROTATION: 1e-4, TARGET_TRANSLATION: 1e-4}
-    whole = pose_pair_problem(
-        setup, scene.robot_poses.T_base_gripper, scene.measured_T_camera_target, X=scene.X, Z=scene.Z, sigmas=levels
-    )
-    shares = pose_shares(estimate_noise(whole, floors=FLOORS).solution, "T_base_gripper")
+    whole = cell_of_one(setup, scene.robot_poses.T_base_gripper, scene.measured_T_camera_target)
+    problem = cell_problem(whole, whole.placed(scene.X, scene.Z), whole.levels((1e-4, 1e-4)))
+    shares = pose_shares(estimate_noise(problem, floors=whole.floors()).solution, POSES)
     found = None if shares is None else shares.without(np.array([True, True, True, False]))
     assert found is None or found[1] > 5.0  # of rounding at best: far beyond what a step is trusted with
 
@@ -76,13 +69,13 @@ def test_nothing_where_too_few_poses_are_left() -> None:
 def assert_same_step(fit: Solution, rest: Problem, keep: np.ndarray, names: tuple[str, ...]) -> None:
     """The shared unknowns and the predicted decrease, against the equations of the problem without the poses."""
     start = list(rest.start)
-    start[rest.variable_index("T_base_gripper")] = fit.value("T_base_gripper")[keep]
-    if "camera" in names:
-        start[rest.variable_index("camera")] = fit.value("camera")
+    start[rest.variable_index(POSES)] = fit.value(POSES)[keep]
+    if LENS in names:
+        start[rest.variable_index(LENS)] = fit.value(LENS)
     step = linear.solve(rest.linearize(tuple(start), rest.sigmas), 0.0)
     assert step is not None
     expected = rest.retract(tuple(start), step)
-    shares = pose_shares(fit, "T_base_gripper")
+    shares = pose_shares(fit, POSES)
     assert shares is not None
     found = shares.without(~keep)
     assert found is not None

@@ -5,12 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibrant.calibrate.cell.problem.pose_pairs import (
-    FLANGE_ROTATION,
-    TARGET_ROTATION,
-    TARGET_TRANSLATION,
-    pose_pair_problem,
-)
+from calibrant.calibrate.cell.problem.groups import measured_groups, robot_groups, scale_variable
+from calibrant.calibrate.cell.problem.problem import cell_of_one, cell_problem
 from calibrant.calibrate.solvers.setup import SETUPS
 from calibrant.geometry import se3
 from calibrant.optimize.levenberg_marquardt import solve
@@ -18,7 +14,9 @@ from calibrant.optimize.noise import estimate_noise
 from calibrant.simulate.scenes import hand_eye_scene
 from calibrant.simulate.truth import chi_square
 
-START = {TARGET_ROTATION: 1e-3, TARGET_TRANSLATION: 1e-3}
+FLANGE_ROTATION, TARGET_TRANSLATION = robot_groups("robot")
+TARGET_ROTATION, _ = measured_groups("camera")
+START = {TARGET_ROTATION: 1e-3, TARGET_TRANSLATION: 1e-3, FLANGE_ROTATION: 0.5e-3}
 
 
 @pytest.mark.parametrize("setup", SETUPS)
@@ -26,12 +24,12 @@ def test_exact_pairs_give_the_truth(setup: str) -> None:
     scene = hand_eye_scene("exact", setup=setup)
     start = se3.retract(scene.X, np.full(6, 0.01)), se3.retract(scene.Z, np.full(6, -0.01))
     poses, pairs = scene.robot_poses.T_base_gripper, scene.measured_T_camera_target
-    problem = pose_pair_problem(SETUPS[setup], poses, pairs, X=start[0], Z=start[1], sigmas=START, free_scale=True)
-    solution = solve(problem)
+    cell = cell_of_one(SETUPS[setup], poses, pairs)
+    solution = solve(cell_problem(cell, cell.placed(*start), START, free_sizes=("target",)))
     assert solution.converged
     np.testing.assert_allclose(solution.value(SETUPS[setup].camera_transform)[0], scene.X, atol=1e-8)
     np.testing.assert_allclose(solution.value(SETUPS[setup].target_transform)[0], scene.Z, atol=1e-8)
-    assert solution.value("target scale")[0, 0] == pytest.approx(1, abs=1e-8)
+    assert 1 + solution.value(scale_variable("target"))[0, 0] == pytest.approx(1, abs=1e-8)
 
 
 @pytest.mark.statistics
@@ -45,10 +43,8 @@ def test_normalised_error_and_noise_of_a_camera_in_the_hand() -> None:
     setup = SETUPS["eye-in-hand"]
     for seed in range(80):
         scene = hand_eye_scene("noisy", seed=seed)
-        problem = pose_pair_problem(
-            setup, scene.robot_poses.T_base_gripper, scene.measured_T_camera_target, X=scene.X, Z=scene.Z, sigmas=START
-        )
-        found = estimate_noise(problem)
+        cell = cell_of_one(setup, scene.robot_poses.T_base_gripper, scene.measured_T_camera_target)
+        found = estimate_noise(cell_problem(cell, cell.placed(scene.X, scene.Z), START))
         assert found.settled
         e = se3.local(scene.X, found.solution.value(setup.camera_transform)[0])
         errors.append(chi_square(e, found.solution.covariance(setup.camera_transform)))

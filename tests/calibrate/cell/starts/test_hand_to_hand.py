@@ -11,7 +11,7 @@ from calibrant.calibrate.cell.calibrate import calibrate_several
 from calibrant.calibrate.cell.problem.layout import Pictures
 from calibrant.calibrate.cell.starts.hand_to_hand import hand_to_hand_start
 from calibrant.data import CalibrationResult, RobotPoses
-from calibrant.diagnose.budget.cell import several_budgets
+from calibrant.diagnose.budget.cell import cell_budgets
 from calibrant.diagnose.loop import loop_views
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3, so3
@@ -84,7 +84,7 @@ def test_errors_are_as_large_as_stated() -> None:
     loop = loop_views(results[0])
     assert all(v.in_hand and v.target_carried for v in loop)
     assert np.sqrt(np.mean([v.mm**2 for v in loop if v.mm is not None])) < 1.0
-    budgets = several_budgets(results[0], target_sigma=0.0)
+    budgets = cell_budgets(results[0], target_sigma=0.0)
     assert budgets is not None
     stated = np.asarray(results[0].transform("a_gripper", "wrist").covariance)
     ratio = np.diag(budgets["wrist"].budget.covariance)[:6] / np.diag(stated)

@@ -43,12 +43,12 @@ def numbered_alike(
     checks: list[Check] = []
     first: dict[Frame, Array] = {}
     for i, p in enumerate(where.pictures):
-        turns = board_turns(p.observations.target)
-        if turns is None or p.setup not in SETUPS:
+        turns = None if p.seen is None else board_turns(p.seen.target)
+        if p.seen is None or turns is None or p.setup not in SETUPS:
             continue
-        numbered[i], seen, said = agreeing(get_setup(p.setup), data[i], p.observations)
+        numbered[i], seen, said = agreeing(get_setup(p.setup), data[i], p.seen)
         pictures[i] = replace(p, observations=seen)
-        checks += [replace(c, message=f"{p.words}: {c.message}") for c in said]
+        checks += [replace(c, message=f"{where.prefix(i)}{c.message}") for c in said]
         Z = _target(p, numbered[i])
         if Z is None:
             continue

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from calibrant.calibrate.solvers.relative import odd_part, sample
 from calibrant.geometry import so3
-from calibrant.optimize.chances import f_tail
+from calibrant.optimize.chances import MAXWELL_MEDIAN, f_tail
 
 Array = NDArray[np.float64]
 Steps = NDArray[np.intp]
@@ -46,8 +46,6 @@ STEPS = 3
 """Gauss-Newton steps of a refinement; it starts within a few degrees, and converges quadratically."""
 FLOOR = 1e-5
 """Radians below which a deviation is rounding: no camera sees a thousandth of a degree."""
-MAXWELL_MEDIAN = 1.5382
-"""Median of the norm of a three-dimensional Gaussian vector, in sigmas."""
 NEAR_SIGMAS, NEAR = 6.0, np.deg2rad(5.0)
 """Views within six sigma of the median's are compared; others are wrong for another reason, or seen too badly. Five
 degrees are near in any case: few views fit some numbering by chance, and their median says little."""

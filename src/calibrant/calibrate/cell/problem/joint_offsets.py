@@ -6,7 +6,7 @@
 stand in the place of the priors that tie a robot pose to what the controller says. What p explains is systematic and is
 taken out of every pose; what it leaves is the robot's noise, with three levels: that of the joints (their encoders and
 gears: it turns and moves a pose together, and not alike in all directions) and two of what links and frame add to a
-pose. Without p this is the problem of `joint`.
+pose. Without p this is the problem of `problem`.
 
 An offset of the first joint turns the robot about its base as the target's (or the camera's) place does, and one of the
 last joint turns the flange as the camera's mounting does: which parameters remain is asked of the regressor with base
@@ -110,13 +110,13 @@ class FreeJoints:
             JointErrors(errors, q.shape, noise[2]),
         ]
 
-    def at(self, solution: Solution, name: str) -> RobotModel:
-        """The robot as fitted."""
-        return self.model.with_state(solution.value(name)[0])
+    def at(self, state: Array) -> RobotModel:
+        """The robot at the values (p,) of its unknown."""
+        return self.model.with_state(state)
 
     def parameters(self, solution: Solution, name: str) -> tuple[IdentifiedParameter, ...]:
         """Every parameter asked for: its correction and sigma, or why it is held."""
-        delta = self.model.steps_to(self.at(solution, name))
+        delta = self.model.steps_to(self.at(solution.value(name)[0]))
         sigma = np.sqrt(np.diag(solution.covariance(name)))
         return tuple(
             IdentifiedParameter(p, float(delta[k]), float(sigma[k]))

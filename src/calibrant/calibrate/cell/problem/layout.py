@@ -1,4 +1,4 @@
-"""Several cameras and several robots in one problem: who is mounted where, and the chain of each picture.
+"""A cell: which cameras, robots and targets there are, who is mounted where, and the chain of each picture.
 
     eye-in-hand  T_camera_target = T_gripper_camera^-1 T_base_gripper^-1 [T_root_base^-1] T_root_target
     eye-to-hand  T_camera_target = T_root_camera^-1 [T_root_base] T_base_gripper T_gripper_target
@@ -6,9 +6,10 @@
     hand-to-hand T_camera_target = T_gripper_camera^-1 T_base_gripper^-1 T_root_base^-1
                    T_root_base' T_base'_gripper' T_gripper'_target        (' of the other robot)
 
-The root is the first robot's base; [T_root_base] is there for every other robot. What stands still is one unknown in
-the root, what a robot carries is one in its gripper: cameras that see the same target, robots that carry or show one to
-the same camera, share these unknowns, and through them their errors.
+A single camera on a single robot is a cell of one list. The root is the first robot's base; [T_root_base] is there for
+every other robot. What stands still is one unknown in the root, what a robot carries is one in its gripper: cameras
+that see the same target, robots that carry or show one to the same camera, share these unknowns, and through them their
+errors.
 """
 
 from __future__ import annotations
@@ -21,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.calibrate.reprojection.links import Link
-from calibrant.data import Observations, RobotPoses
+from calibrant.data import DEFAULT_CAMERA, Observations, RobotPoses
 from calibrant.errors import InputError
+from calibrant.geometry import se3
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -31,12 +33,29 @@ Frame = tuple[str, str]
 
 IN_HAND, TO_HAND, STANDING, HAND_TO_HAND = "eye-in-hand", "eye-to-hand", "standing", "hand-to-hand"
 ARRANGEMENTS = (IN_HAND, TO_HAND, STANDING, HAND_TO_HAND)
-ONLY_ROBOT = "robot"
+ONLY_ROBOT, TARGET = "robot", "target"
+
+
+@dataclass(frozen=True, eq=False)
+class TargetPoses:
+    """Target poses that were measured elsewhere, in place of images: ids (n,) of the robot's poses they belong to, and
+    T_camera_target (n, 4, 4), metres."""
+
+    ids: tuple[str, ...]
+    T_camera_target: Array
+
+    def __post_init__(self) -> None:
+        T = se3.check(self.T_camera_target, name="T_camera_target").reshape(-1, 4, 4)
+        if len(T) != len(self.ids):
+            raise InputError(
+                f"{len(self.ids)} robot poses but {len(T)} target poses; every robot pose needs its target pose"
+            )
+        object.__setattr__(self, "T_camera_target", T)
 
 
 @dataclass(frozen=True, eq=False)
 class Pictures:
-    """What one camera saw at poses of one robot: views whose `moment` is the pose's id.
+    """What one camera saw at poses of one robot: views whose `moment` is the pose's id, or measured target poses.
 
     setup: eye-in-hand (the robot carries the camera), eye-to-hand (it carries the target), standing (neither: camera
     and target stand beside the robot, which takes no part), hand-to-hand (it carries the camera, and robot `other` the
@@ -45,9 +64,9 @@ class Pictures:
 
     camera: str
     setup: str
-    observations: Observations
+    observations: Observations | TargetPoses
     robot: str = ONLY_ROBOT
-    target: str = "target"
+    target: str = TARGET
     other: str = ""
 
     def __post_init__(self) -> None:
@@ -60,9 +79,19 @@ class Pictures:
                 f"camera {self.camera!r}, {self.setup}: hand-to-hand goes with another robot that carries the target "
                 f"(other={self.other!r}), and nothing else does"
             )
-        if len(self.observations.image_sizes) != 1:
-            named = ", ".join(self.observations.image_sizes)
+        if self.seen is not None and len(self.seen.image_sizes) != 1:
+            named = ", ".join(self.seen.image_sizes)
             raise InputError(f"the pictures of camera {self.camera!r} are of several: {named}; give one list a camera")
+
+    @property
+    def seen(self) -> Observations | None:
+        """The views; None for target poses that were measured elsewhere."""
+        return self.observations if isinstance(self.observations, Observations) else None
+
+    @property
+    def alone(self) -> bool:
+        """Whether these pictures are a hand-eye problem of their own, A_i X B_i = Z."""
+        return len(self.movers) == 1
 
     @property
     def words(self) -> str:
@@ -113,9 +142,20 @@ class Layout:
             raise InputError(f"camera {sorted(clash)[0]!r} has the name of another frame; call it otherwise")
 
     @property
+    def plain(self) -> bool:
+        """Whether there is one camera on or before one robot, with the frames' usual names."""
+        first = self.pictures[0]
+        return len(self.pictures) == 1 and first.alone and (first.camera, first.target) == (DEFAULT_CAMERA, TARGET)
+
+    @property
     def cameras(self) -> tuple[str, ...]:
         """Names of the cameras in the order given."""
         return tuple(dict.fromkeys(p.camera for p in self.pictures))
+
+    @property
+    def cameras_with_images(self) -> tuple[str, ...]:
+        """Those whose lists are views, not measured target poses."""
+        return tuple(dict.fromkeys(p.camera for p in self.pictures if p.seen is not None))
 
     @property
     def root(self) -> str:
@@ -149,6 +189,11 @@ class Layout:
         """Frames of all targets."""
         return tuple(dict.fromkeys(self.target(p) for p in self.pictures))
 
+    @property
+    def target_names(self) -> tuple[str, ...]:
+        """Names of the targets as things, wherever they are."""
+        return tuple(dict.fromkeys(p.target for p in self.pictures))
+
     @cached_property
     def unknown(self) -> tuple[Frame, ...]:
         """The transforms to be found: cameras, targets, the other robots' bases."""
@@ -156,6 +201,17 @@ class Layout:
         targets = {(self.target_parent(p), self.target(p)): None for p in self.pictures}
         bases = [(self.root, self.base(r)) for r in self.robots if self.base(r) != self.root]
         return (*cameras, *targets, *bases)
+
+    def label(self, i: int) -> str:
+        """What tells list i from the others; empty for the only one."""
+        if len(self.pictures) == 1:
+            return ""
+        names = [p.camera if len(self.robots) == 1 else f"{p.camera} at {p.robot}" for p in self.pictures]
+        return names[i] if names.count(names[i]) == 1 else f"{names[i]} {i + 1}"
+
+    def prefix(self, i: int) -> str:
+        """What messages about list i begin with; nothing for the only one."""
+        return "" if len(self.pictures) == 1 else f"{self.pictures[i].words}: "
 
     def constants(self, p: Pictures) -> tuple[Frame, Frame]:
         """What pictures with a robot between camera and target tell: the camera's place and the target's, each by what
@@ -203,10 +259,8 @@ def poses_variable(robot: str) -> str:
 
 
 def layout(robots: Mapping[str, RobotPoses] | RobotPoses, pictures: Sequence[Pictures]) -> Layout:
-    """The layout of one robot or several. Raises: InputError for names that do not fit, no pictures, no robots."""
+    """The layout of a cell. Raises: InputError for names that do not fit, no pictures, no robots."""
     named = {ONLY_ROBOT: robots} if isinstance(robots, RobotPoses) else dict(robots)
     if not named or not pictures:
-        raise InputError(
-            "several cameras or robots: give the poses of one robot or more, and the pictures of each camera"
-        )
+        raise InputError("nothing to calibrate: give the poses of one robot or more, and the pictures of each camera")
     return Layout(named, tuple(pictures))

@@ -1,7 +1,7 @@
 """Target poses that were measured elsewhere: the chain must reproduce T_camera_target.
 
 rotation:     r = log(R_chain R_measured^T), radians, camera axes
-translation:  r = t_chain - s t_measured, metres, camera axes; s is the target's scale
+translation:  r = t_chain - (1 + a) t_measured, metres, camera axes; 1 + a is the target's scale
 
 The robot's own noise is a part of the problem: an error of the flange's rotation moves the target by its distance from
 the flange, which no noise of the measured target pose looks like. Its poses are unknowns, held by what was measured.
@@ -11,56 +11,17 @@ level; rotations tell each other apart by the lever arm alone, which is short wh
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.calibrate.reprojection import links as products
 from calibrant.calibrate.reprojection.links import Link
-from calibrant.calibrate.solvers.setup import Setup
 from calibrant.geometry import so3
-from calibrant.optimize.factors import Factor, RotationPrior, TranslationPrior
-from calibrant.optimize.manifolds import SE3, Positive, Variable
-from calibrant.optimize.problem import Problem
+from calibrant.optimize.factors import Factor
 
 Array = NDArray[np.float64]
-
-TARGET_ROTATION, TARGET_TRANSLATION, FLANGE_ROTATION = "target rotation", "target translation", "flange rotation"
-"""Noise of the measured target's rotation (rad), of positions of target and flange alike (m), of the flange's turns."""
-SCALE = "target scale"
-
-
-def pose_pair_problem(
-    setup: Setup,
-    T_base_gripper: Array,
-    B: Array,
-    *,
-    X: Array,
-    Z: Array,
-    sigmas: Mapping[str, float],
-    free_scale: bool = False,
-) -> Problem:
-    """The problem over pose pairs T_base_gripper and B = T_camera_target (n, 4, 4); X, Z: where it starts.
-
-    sigmas: levels to start from; without one, the flange's rotations are taken for half as noisy as the target's.
-    free_scale: the scale of the target's positions is an unknown too.
-    """
-    chain = setup.links(np.arange(len(B)))
-    levels = {FLANGE_ROTATION: 0.5 * sigmas[TARGET_ROTATION], **sigmas}
-    variables = (
-        Variable(setup.camera_transform, SE3(), X[None]),
-        Variable(setup.target_transform, SE3(), Z[None]),
-        Variable("T_base_gripper", SE3(), T_base_gripper),
-        Variable(SCALE, Positive(("scale",)), np.ones((1, 1)), constant=not free_scale),
-    )
-    factors = (
-        ChainRotation("loop rotation", chain, B, noise=TARGET_ROTATION),
-        ChainTranslation("loop translation", chain, B, scale=SCALE, noise=TARGET_TRANSLATION),
-        RotationPrior("flange rotation", "T_base_gripper", T_base_gripper, noise=FLANGE_ROTATION),
-        TranslationPrior("flange position", "T_base_gripper", T_base_gripper, noise=TARGET_TRANSLATION),
-    )
-    return Problem(variables, factors, levels)
 
 
 class ChainRotation(Factor):
@@ -82,24 +43,27 @@ class ChainRotation(Factor):
 
 
 class ChainTranslation(Factor):
-    """The chain's translation against a measured one, times the target's scale (a variable of one component)."""
+    """The chain's translation against a measured one.
 
-    def __init__(self, name: str, chain: Sequence[Link], measured: Array, *, scale: str, noise: str) -> None:
-        self.chain = tuple(chain)
+    scale: name of the variable a (1, 1), the target's scale less 1; None where the size is as given.
+    """
+
+    def __init__(
+        self, name: str, chain: Sequence[Link], measured: Array, *, noise: str, scale: str | None = None
+    ) -> None:
+        self.chain, self.scale = tuple(chain), scale
         self.measured = np.asarray(measured, dtype=np.float64)[:, :3, 3]
-        zeros = np.zeros(len(self.measured), dtype=np.int64)
-        super().__init__(
-            name,
-            variables=[*(c.variable for c in chain), scale],
-            indices=[*(c.indices for c in chain), zeros],
-            dim=3,
-            noise=noise,
-        )
+        variables, indices = [c.variable for c in chain], [c.indices for c in chain]
+        if scale is not None:
+            variables.append(scale)
+            indices.append(np.zeros(len(self.measured), dtype=np.int64))
+        super().__init__(name, variables=variables, indices=indices, dim=3, noise=noise)
 
     def linearize(self, *values: Array) -> tuple[Array, tuple[Array, ...]]:
-        *links, scale = values
+        links = values[: len(self.chain)]
+        size = 1.0 if self.scale is None else 1.0 + values[-1]
         T = products.product(self.chain, links)
-        r = T[:, :3, 3] - scale * self.measured
+        r = T[:, :3, 3] - size * self.measured
         maps = products.link_maps(self.chain, links)
-        jacobians = [np.broadcast_to(M, (len(r), 6, 6))[:, 3:] for M in maps]
-        return r, (*jacobians, -self.measured[:, :, None])
+        jacobians = tuple(np.broadcast_to(M, (len(r), 6, 6))[:, 3:] for M in maps)
+        return r, jacobians if self.scale is None else (*jacobians, -self.measured[:, :, None])

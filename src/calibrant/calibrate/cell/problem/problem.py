@@ -1,58 +1,88 @@
-"""The joint weighted refinement of several cameras and robots, as one problem.
+"""The weighted refinement of a cell, as one problem.
 
     min sum_lists sum |project(theta_c, chain p_j) - uv|^2 / sigma_c^2
       + sum_robots sum |log(R_i R_i,said^T)|^2 / sigma_rot,r^2 + |t_i - t_i,said|^2 / sigma_trans,r^2
 
-Pixels have a noise level a camera, poses two a robot. A pose that two cameras saw is one unknown, so its error is the
-same for both. What a robot "said" is what its controller reports, or its geometry at the joints that were read
-(`joint_offsets`).
+over all transforms, the robots' true poses and the lenses. Pixels have a noise level a camera, poses two a robot. A
+pose that two cameras saw is one unknown, so its error is the same for both. What a robot "said" is what its controller
+reports, or its geometry at the joints that were read (`joint_offsets`). Lists of measured target poses have the terms
+of `pose_pairs` in place of pixels. Assuming a robot exact (no correction) is worse than a closed form as soon as its
+noise outweighs the pixels'; the noise levels that decide this are estimated with the rest (`optimize.noise`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.cell.consistency import CHI2_6_LIMIT, CHI2_6_MEDIAN, ROUNDING
-from calibrant.calibrate.cell.problem.camera_role import (
-    FLOORS,
+from calibrant.calibrate.cell.problem.camera_role import CameraRole
+from calibrant.calibrate.cell.problem.groups import (
+    JOINTS,
+    PAIR_FLOORS,
+    PHOTO_FLOORS,
     PIXEL,
     ROBOT_ROTATION,
     ROBOT_TRANSLATION,
-    SCALE,
-    CameraRole,
+    TARGET_ROTATION,
+    TARGET_TRANSLATION,
+    errors_variable,
+    extra_variable,
+    geometry_variable,
+    joint_group,
+    lens_variable,
+    measured_groups,
+    pictures_factor,
+    pixel_group,
+    robot_groups,
+    scale_variable,
 )
 from calibrant.calibrate.cell.problem.joint_offsets import FreeJoints
-from calibrant.calibrate.cell.problem.layout import Frame, Layout, poses_variable, variable
-from calibrant.calibrate.cell.views import HandEyeViews
+from calibrant.calibrate.cell.problem.layout import (
+    ONLY_ROBOT,
+    Frame,
+    Layout,
+    Pictures,
+    TargetPoses,
+    poses_variable,
+    variable,
+)
+from calibrant.calibrate.cell.problem.pose_pairs import ChainRotation, ChainTranslation
+from calibrant.calibrate.cell.views import HandEyeViews, from_target_poses
 from calibrant.calibrate.reprojection.factor import ReprojectionFactor, TargetModes, stack
-from calibrant.calibrate.reprojection.links import link_maps, product
-from calibrant.cameras import Camera
-from calibrant.data import View
-from calibrant.geometry import se3
+from calibrant.calibrate.reprojection.links import Link
+from calibrant.calibrate.solvers.setup import Setup
+from calibrant.data import DEFAULT_CAMERA, Observations, RobotPoses, View
 from calibrant.optimize.factors import Factor, RotationPrior, TranslationPrior, VectorPrior
 from calibrant.optimize.manifolds import SE3, Euclidean, Variable
 from calibrant.optimize.problem import Problem
-from calibrant.optimize.solution import Solution
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-JOINTS = "joints"
+Rows = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class Several:
-    """Everything the problem is made of: the layout, the matched views of each list of pictures, the cameras' roles,
-    and the robots whose joints are free."""
+class Cell:
+    """Everything the problem is made of: the layout, the matched views of each list of pictures, the roles of the
+    cameras that have images, and the robots whose joints are free."""
 
     layout: Layout
     data: tuple[HandEyeViews, ...]
     roles: Mapping[str, CameraRole]
     free: Mapping[str, FreeJoints]
+
+    @property
+    def lists(self) -> list[tuple[int, Pictures, HandEyeViews]]:
+        """Every list of pictures with its number and its matched views."""
+        return [(i, p, d) for i, (p, d) in enumerate(zip(self.layout.pictures, self.data))]
+
+    def placed(self, *T: Array) -> dict[Frame, Array]:
+        """Transforms (4, 4) by their frames, in the order of the layout's unknowns: cameras, targets, other bases."""
+        return dict(zip(self.layout.unknown, T, strict=True))
 
     def used_views(self, i: int) -> list[View]:
         """The views of list i that count."""
@@ -60,7 +90,7 @@ class Several:
         return [v for v, use in zip(data.views or (), data.use) if use]
 
     def used_ids(self, i: int) -> list[str]:
-        """The pose ids of these views."""
+        """The pose ids of the rows of list i that count."""
         return [name for name, use in zip(self.data[i].ids, self.data[i].use) if use]
 
     def moments(self, robot: str) -> tuple[str, ...]:
@@ -68,116 +98,131 @@ class Several:
         needed = {name for i, p in enumerate(self.layout.pictures) if robot in p.movers for name in self.used_ids(i)}
         return tuple(name for name in self.layout.robots[robot].ids if name in needed)
 
-    def kept(self, keep: Sequence[Mask]) -> Several:
+    def kept(self, keep: Sequence[Mask]) -> Cell:
         """The same with fewer views; keep: one mask a list, over all its rows."""
         data = tuple(replace(d, use=d.use & k) for d, k in zip(self.data, keep))
         return replace(self, data=data)
 
-    def seen_by(self, cameras: Mapping[str, Camera]) -> Several:
-        """The same with the target poses of the used views found again by the cameras as refined."""
-        pairs = zip(self.layout.pictures, self.data)
-        return replace(self, data=tuple(d.seen_by(cameras[p.camera]) if d.use.any() else d for p, d in pairs))
+    @cached_property
+    def robots_in_images(self) -> frozenset[str]:
+        """Robots that stand between a camera and a target in any image."""
+        return frozenset(r for p in self.layout.pictures if p.seen is not None for r in p.movers)
 
+    def measured_noise(self, p: Pictures) -> tuple[str, str]:
+        """Noise groups of measured target poses; their positions share the robot's, where no image tells it."""
+        rotation, translation = measured_groups(p.camera)
+        return rotation, translation if p.robot in self.robots_in_images else robot_groups(p.robot)[1]
 
-def pixel_group(camera: str) -> str:
-    """Noise group of a camera's pixels."""
-    return f"{PIXEL} {camera}"
+    def floors(self) -> dict[str, float]:
+        """Least noise of every group: pixels, radians, metres."""
+        out = {pixel_group(c): PHOTO_FLOORS[PIXEL] for c in self.roles}
+        for p in self.layout.pictures:
+            if p.seen is None:
+                levels = (PAIR_FLOORS[TARGET_ROTATION], PAIR_FLOORS[TARGET_TRANSLATION])
+                out |= dict(zip(measured_groups(p.camera), levels))
+        for robot in self.layout.robots:
+            least = PHOTO_FLOORS if robot in self.robots_in_images else PAIR_FLOORS
+            out |= dict(zip(robot_groups(robot), (least[ROBOT_ROTATION], least[ROBOT_TRANSLATION])))
+        return out | {joint_group(robot): PHOTO_FLOORS[JOINTS] for robot in self.free}
 
-
-def robot_groups(robot: str) -> tuple[str, str]:
-    """Noise groups of a robot's rotations and translations."""
-    return f"{ROBOT_ROTATION} {robot}", f"{ROBOT_TRANSLATION} {robot}"
-
-
-def joint_group(robot: str) -> str:
-    """Noise group of a robot's joints, where its readings are given."""
-    return f"{JOINTS} {robot}"
-
-
-def lens_variable(camera: str) -> str:
-    """Name of a camera's intrinsics."""
-    return f"lens of {camera}"
-
-
-def geometry_variable(robot: str) -> str:
-    """Name of a robot's free joint offsets and geometry."""
-    return f"geometry of {robot}"
-
-
-def errors_variable(robot: str) -> str:
-    """Name of what a robot's joints did beyond their readings and its geometry."""
-    return f"joint errors of {robot}"
-
-
-def scale_variable(target: str) -> str:
-    """Name of a target's scale, less 1."""
-    return f"{SCALE} {target}"
-
-
-def pictures_factor(i: int) -> str:
-    """Name of the reprojection factor of list i."""
-    return f"pictures {i}"
-
-
-def floors(several: Several) -> dict[str, float]:
-    """Least noise of every group: pixels, radians, metres."""
-    out = {pixel_group(c): FLOORS[PIXEL] for c in several.layout.cameras}
-    for robot in several.layout.robots:
-        out |= dict(zip(robot_groups(robot), (FLOORS[ROBOT_ROTATION], FLOORS[ROBOT_TRANSLATION])))
-    return out | {joint_group(robot): FLOORS[ROBOT_ROTATION] for robot in several.free}
-
-
-def several_problem(
-    several: Several, transforms: Mapping[Frame, Array], sigmas: Mapping[str, float], *, free_scale: bool = False
-) -> Problem:
-    """The problem over all views that are used, started at these transforms; `free_scale`: with the targets' sizes."""
-    layout = several.layout
-    variables = [Variable(variable(f), SE3(), T[None], words=f"the place of {f[1]}") for f, T in transforms.items()]
-    factors: list[Factor] = []
-    lenses: dict[str, CameraRole] = {}
-    for i, p in enumerate(layout.pictures):
-        views = several.used_views(i)
-        if not views:
-            continue
-        ids = several.used_ids(i)
-        rows = {robot: _places(several.moments(robot), ids) for robot in p.movers}
-        role = lenses[p.camera] = several.roles[p.camera]
-        stacked, scale = stack(views), scale_variable(p.target)
-        if free_scale and all(v.name != scale for v in variables):
-            variables.append(Variable(scale, Euclidean(("scale",)), np.zeros((1, 1))))
-        factors.append(
-            ReprojectionFactor(
-                pictures_factor(i),
-                model=role.camera.model,
-                camera=lens_variable(p.camera),
-                links=layout.chain(p, rows, len(ids)),
-                views=stacked,
-                # The mode's amplitude is scale - 1: points + (s - 1) points.
-                modes=TargetModes(scale, stacked.points[None]) if free_scale else None,
-                noise=pixel_group(p.camera),
+    def levels(self, spread: tuple[float, float]) -> dict[str, float]:
+        """Noise levels to start from, of what a loop errs by typically, radians and metres."""
+        rotation, translation = spread
+        out: dict[str, float] = {}
+        for robot in self.layout.robots:
+            # Measured target poses and the robot share one level of position; images leave half of it to the robot.
+            own = translation / 2 if robot in self.robots_in_images else translation
+            out |= dict(zip(robot_groups(robot), (rotation / 2, own)))
+        for p, d in zip(self.layout.pictures, self.data):
+            out |= (
+                dict(zip(self.measured_noise(p), (rotation, translation)))
+                if p.seen is None
+                else {pixel_group(p.camera): d.sigma_px}
             )
-        )
-    for name, role in lenses.items():
-        manifold = Euclidean(role.camera.model.parameter_names, role.held)
-        lens = lens_variable(name)
-        variables.append(Variable(lens, manifold, role.camera.values[None], words=f"the lens of {name}"))
-        if role.prior is not None:
-            mean, root = role.camera.values, role.prior
-            factors.append(VectorPrior(f"prior of {name}", lens, 0, mean, sqrt_information=root))
-    for robot in layout.robots:
-        _add_robot(several, robot, variables, factors)
+        # A joint turns the pose as the pose's own noise does.
+        return out | {joint_group(robot): rotation / 2 for robot in self.free}
+
+
+def cell_problem(
+    cell: Cell, transforms: Mapping[Frame, Array], sigmas: Mapping[str, float], *, free_sizes: Collection[str] = ()
+) -> Problem:
+    """The problem over all views that are used, started at these transforms.
+
+    free_sizes: names of the targets whose scale is unknown.
+    """
+    variables = [Variable(variable(f), SE3(), T[None], words=f"the place of {f[1]}") for f, T in transforms.items()]
+    variables += [Variable(scale_variable(t), Euclidean(("scale",)), np.zeros((1, 1))) for t in free_sizes]
+    factors: list[Factor] = []
+    for i in range(len(cell.data)):
+        factors += _list_factors(cell, i, scale=cell.layout.pictures[i].target in free_sizes)
+    seen = {p.camera for i, p in enumerate(cell.layout.pictures) if cell.used_views(i)}
+    for name, role in cell.roles.items():
+        if name in seen:
+            _add_lens(name, role, variables, factors)
+    for robot in cell.layout.robots:
+        _add_robot(cell, robot, variables, factors)
     needed = {name for f in factors for name in f.variables}
     return Problem(tuple(v for v in variables if v.name in needed), tuple(factors), dict(sigmas))
 
 
-def _add_robot(several: Several, robot: str, variables: list[Variable], factors: list[Factor]) -> None:
-    moments = several.moments(robot)
+def _list_factors(cell: Cell, i: int, *, scale: bool) -> list[Factor]:
+    """What list i says: its pixels, or its measured target poses."""
+    p, data = cell.layout.pictures[i], cell.data[i]
+    ids = cell.used_ids(i)
+    if not ids:
+        return []
+    rows = {robot: places(cell.moments(robot), ids) for robot in p.movers}
+    links = cell.layout.chain(p, rows, len(ids))
+    size = scale_variable(p.target) if scale else None
+    if p.seen is None:
+        B, (rotation, translation) = data.B[data.use], cell.measured_noise(p)
+        return [
+            ChainRotation(f"rotations {i}", links, B, noise=rotation),
+            ChainTranslation(f"translations {i}", links, B, noise=translation, scale=size),
+        ]
+    stacked = stack(cell.used_views(i))
+    return [
+        ReprojectionFactor(
+            pictures_factor(i),
+            model=cell.roles[p.camera].camera.model,
+            camera=lens_variable(p.camera),
+            links=links,
+            views=stacked,
+            # The mode's amplitude is scale - 1: points + (s - 1) points.
+            modes=None if size is None else TargetModes(size, stacked.points[None]),
+            noise=pixel_group(p.camera),
+        )
+    ]
+
+
+def _add_lens(name: str, role: CameraRole, variables: list[Variable], factors: list[Factor]) -> None:
+    lens, values = lens_variable(name), role.camera.values
+    variables.append(Variable(lens, role.manifold, values[None], words=f"the lens of {name}"))
+    if role.prior is not None:
+        factors.append(VectorPrior(f"prior of {name}", lens, 0, values, sqrt_information=role.prior))
+    if role.extra:
+        apart = extra_variable(name)
+        variables.append(Variable(apart, SE3(), role.extra_poses))
+        factors.append(
+            ReprojectionFactor(
+                apart,
+                model=role.camera.model,
+                camera=lens,
+                links=[Link(apart, np.arange(len(role.extra)))],
+                views=stack(role.extra),
+                noise=pixel_group(name),
+            )
+        )
+
+
+def _add_robot(cell: Cell, robot: str, variables: list[Variable], factors: list[Factor]) -> None:
+    moments = cell.moments(robot)
     if not moments:
         return
-    said = several.layout.robots[robot].only(moments).T_base_gripper
+    said = cell.layout.robots[robot].only(moments).T_base_gripper
     name, (rotation, translation) = poses_variable(robot), robot_groups(robot)
     variables.append(Variable(name, SE3(), said, labels=moments, words="the pose of"))
-    free = several.free.get(robot)
+    free = cell.free.get(robot)
     if free is None:
         factors += [
             RotationPrior(rotation, name, said, noise=rotation),
@@ -190,94 +235,26 @@ def _add_robot(several: Several, robot: str, variables: list[Variable], factors:
     factors += free.factors(name, geometry, errors, rows, noise=(rotation, translation, joint_group(robot)))
 
 
-def fitted_cameras(several: Several, solution: Solution) -> dict[str, Camera]:
-    """The cameras as refined; those without a picture left, as they were."""
-    there = {v.name for v in solution.problem.variables}
-    out = {}
-    for name in several.layout.cameras:
-        role = several.roles[name]
-        if lens_variable(name) not in there:
-            out[name] = role.camera
-            continue
-        exact = role.prior is None and len(role.held) == len(role.camera.values)
-        covariance = None if exact else solution.covariance(lens_variable(name))
-        values = solution.value(lens_variable(name))[0]
-        out[name] = Camera(role.camera.model, role.camera.image_size, values, covariance)
-    return out
-
-
-def fitted_transforms(several: Several, solution: Solution) -> dict[Frame, Array]:
-    """The unknown transforms as refined."""
-    return {f: solution.value(variable(f))[0] for f in several.layout.unknown}
-
-
-def said_poses(several: Several, solution: Solution, robot: str) -> Array:
-    """T_base_gripper (n, 4, 4) of all a robot's poses: as reported, or by its geometry as fitted."""
-    free = several.free.get(robot)
-    if free is None:
-        return several.layout.robots[robot].T_base_gripper
-    model = free.at(solution, geometry_variable(robot))
-    rows = [free.readings.ids.index(m) for m in several.layout.robots[robot].ids]
-    return model.predict(free.readings.q[rows])
-
-
-def pose_noise(several: Several, solution: Solution, robot: str) -> Array:
-    """Covariance (n, 6, 6) of what all of a robot's poses are off by, in `se3.retract`'s chart: the poses' own noise,
-    and what their joints' noise makes of them."""
-    levels = solution.sigmas
-    rotation, translation = (levels[g] for g in robot_groups(robot))
-    C = np.diag([rotation**2] * 3 + [translation**2] * 3)
-    ids = several.layout.robots[robot].ids
-    free = several.free.get(robot)
-    if free is None:
-        return np.broadcast_to(C, (len(ids), 6, 6))
-    rows = [free.readings.ids.index(m) for m in ids]
-    J = free.at(solution, geometry_variable(robot)).joint_jacobian(free.readings.q[rows])
-    return np.asarray(C + levels[joint_group(robot)] ** 2 * J @ np.swapaxes(J, -1, -2))
-
-
-def _places(names: Sequence[str], wanted: Sequence[str]) -> NDArray[np.int64]:
+def places(names: Sequence[str], wanted: Sequence[str]) -> Rows:
+    """Positions of the wanted names."""
     index = {name: k for k, name in enumerate(names)}
     return np.array([index[name] for name in wanted], dtype=np.int64)
 
 
-def pose_rows(several: Several, i: int, rows: Mask) -> dict[str, NDArray[np.int64]]:
-    """Which poses of each robot between camera and target the rows of list i were taken at."""
-    ids = [name for name, r in zip(several.data[i].ids, rows) if r]
-    layout = several.layout
-    return {robot: _places(layout.robots[robot].ids, ids) for robot in layout.pictures[i].movers}
+def cell_of_one(
+    setup: Setup, T_base_gripper: Array, target: Sequence[View] | Array, role: CameraRole | None = None
+) -> Cell:
+    """A cell of one list, row by row: robot poses (n, 4, 4) with T_camera_target (n, 4, 4), or with views of a camera.
 
-
-def prediction(several: Several, solution: Solution, i: int, rows: Mask) -> tuple[Array, dict[str, Array]]:
-    """T_camera_target (m, 4, 4) of the rows of list i by what the robots said, and by robot the map from its poses'
-    errors."""
-    layout, p = several.layout, several.layout.pictures[i]
-    at = pose_rows(several, i, rows)
-    chain = layout.chain(p, at, int(rows.sum()))
-    arms = {poses_variable(robot): robot for robot in p.movers}
-    values = [
-        said_poses(several, solution, arms[k.variable])[k.indices]
-        if k.variable in arms
-        else solution.value(k.variable)[k.indices]
-        for k in chain
-    ]
-    maps = {arms[k.variable]: m for k, m in zip(chain, link_maps(chain, values)) if k.variable in arms}
-    return product(chain, values), maps
-
-
-def inconsistent(several: Several, solution: Solution, i: int) -> Mask:
-    """True for each row of list i that is used and disagrees with the others beyond its noise; see `consistency`."""
-    data, p = several.data[i], several.layout.pictures[i]
-    out = np.zeros(len(data), dtype=bool)
-    if not data.use.any():
-        return out
-    T, maps = prediction(several, solution, i, data.use)
-    d = se3.local(T, data.B[data.use])
-    C = data.covariance[data.use] * solution.sigmas[pixel_group(p.camera)] ** 2
-    at = pose_rows(several, i, data.use)
-    for robot, M in maps.items():
-        C = C + M @ pose_noise(several, solution, robot)[at[robot]] @ np.swapaxes(M, -1, -2)
-    statistic = np.einsum("ni,ni->n", d, np.linalg.solve(C, d[..., None])[..., 0])
-    scale = max(float(np.median(statistic)) / CHI2_6_MEDIAN, 1.0)
-    out[np.flatnonzero(data.use)] = (statistic / scale > CHI2_6_LIMIT) & (np.sum(d * d, axis=1) > ROUNDING)
-    return out
+    The frames are those of the setup. The target poses of views are not looked at: they stand as the identity.
+    """
+    poses = RobotPoses.from_matrices(T_base_gripper)
+    if role is None:
+        measured = TargetPoses(poses.ids, np.asarray(target))
+        data = from_target_poses(poses, measured.T_camera_target)
+        return Cell(Layout({ONLY_ROBOT: poses}, (Pictures(DEFAULT_CAMERA, setup.name, measured),)), (data,), {}, {})
+    views = tuple(replace(v, id=i, moment=i, camera=DEFAULT_CAMERA) for v, i in zip(target, poses.ids))
+    seen = Observations(views, {DEFAULT_CAMERA: role.camera.image_size})
+    data = replace(from_target_poses(poses, np.tile(np.eye(4), (len(poses), 1, 1))), views=views)
+    layout = Layout({ONLY_ROBOT: poses}, (Pictures(DEFAULT_CAMERA, setup.name, seen),))
+    return Cell(layout, (data,), {DEFAULT_CAMERA: role}, {})

@@ -1,4 +1,4 @@
-"""The closed-form start of a problem with several cameras and robots: each list of pictures alone, then joined.
+"""The closed-form start of a cell: each list of pictures alone, then joined.
 
 Pictures with a robot between camera and target are a hand-eye problem A_i X B_i = Z of their own; the transforms that
 these give are the edges of a graph, in which every unknown is a path. A camera whose own motions determine nothing
@@ -7,20 +7,23 @@ these give are the edges of a graph, in which every unknown is a path. A camera 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.calibrate.cell.checks import setup_check
 from calibrant.calibrate.cell.problem.layout import HAND_TO_HAND, STANDING, Frame, Layout, Pictures
 from calibrant.calibrate.cell.starts.hand_to_hand import hand_to_hand_start
-from calibrant.calibrate.cell.starts.seed import best_seed
+from calibrant.calibrate.cell.starts.medoid import medoid
+from calibrant.calibrate.cell.starts.seed import Seed, best_seed, seed_of_all
 from calibrant.calibrate.cell.views import HandEyeViews
-from calibrant.calibrate.solvers.motion import motion_report
-from calibrant.calibrate.solvers.setup import get_setup
+from calibrant.calibrate.solvers.motion import MotionReport, motion_report
+from calibrant.calibrate.solvers.setup import SETUPS, Setup, get_setup
+from calibrant.data import Check
 from calibrant.errors import RefusedError
-from calibrant.geometry import se3, so3
+from calibrant.geometry import se3
 from calibrant.geometry.frames import FrameGraph
 
 Array = NDArray[np.float64]
@@ -30,26 +33,43 @@ LEVEL_START = (1e-3, 1e-3)
 
 
 @dataclass(frozen=True, eq=False)
-class SeveralStart:
-    """Transforms by (parent, child); the data without gross outliers; spread: the loop's typical error, rad and m."""
+class Alone:
+    """What a list of pictures says by itself: its motions, its closed form, and whether its setup is the right one."""
+
+    report: MotionReport
+    seed: Seed
+    setup: Check
+
+
+@dataclass(frozen=True, eq=False)
+class CellStart:
+    """Transforms by (parent, child); the data without gross outliers; spread: the loop's typical error, rad and m.
+
+    alone: what each list that determines something by itself says; refused: why the others do not, both by the list's
+    number.
+    """
 
     transforms: dict[Frame, Array]
     data: tuple[HandEyeViews, ...]
     spread: tuple[float, float]
+    alone: Mapping[int, Alone]
+    refused: Mapping[int, str]
 
 
-def several_start(layout: Layout, data: Sequence[HandEyeViews]) -> SeveralStart:
-    """Raises: RefusedError naming what no path leads to, and why the pictures that could tell do not."""
+def cell_start(layout: Layout, data: Sequence[HandEyeViews], missing: Mapping[str, str]) -> CellStart:
+    """missing: views that are not in the data, and why. Raises: RefusedError naming what no path leads to, and why the
+    pictures that could tell do not; or the list whose setup is another one than was said."""
     graph = FrameGraph(tolerance_m=np.inf, tolerance_rad=np.inf)
     cleaned = list(data)
     refused: dict[int, str] = {}
+    alone: dict[int, Alone] = {}
     spreads = []
     # The longest list first: of two ways to a frame the first one stays.
     order = sorted(range(len(data)), key=lambda i: -int(data[i].use.sum()))
     for i in order:
         p = layout.pictures[i]
         if p.setup == STANDING:
-            graph = graph.add(p.camera, layout.target(p), _middle(data[i].B[data[i].use]))
+            graph = graph.add(p.camera, layout.target(p), medoid(data[i].B[data[i].use]))
             continue
         try:
             if p.setup == HAND_TO_HAND:
@@ -58,12 +78,18 @@ def several_start(layout: Layout, data: Sequence[HandEyeViews]) -> SeveralStart:
                 edges = _hand_to_hand_edges(layout, p)
                 graph = _add(graph, edges, (found.X, found.W, found.Z))
                 continue
-            X, Z, cleaned[i], spread = _alone(p, data[i])
+            cleaned[i], alone[i] = _alone(p, data[i], missing if len(data) == 1 else {})
         except RefusedError as error:
             refused[i] = str(error)
             continue
-        spreads.append(spread)
-        graph = _add(graph, layout.constants(p), (X, Z))
+        seed = alone[i].seed
+        spreads.append((np.deg2rad(seed.loop.median_deg), 1e-3 * seed.loop.median_mm))
+        graph = _add(graph, layout.constants(p), (seed.X, seed.Z))
+    if len(data) == 1 and refused:
+        raise RefusedError(refused[0])
+    for i, said in sorted(alone.items()):
+        if said.setup.status == "fail":
+            raise RefusedError(f"{layout.prefix(i)}{said.setup.name}: {said.setup.message}")
     graph = _through_others(layout, cleaned, graph, refused)
     transforms = {}
     # Robots first: where nothing ties them, that is what a person has to know.
@@ -73,7 +99,7 @@ def several_start(layout: Layout, data: Sequence[HandEyeViews]) -> SeveralStart:
         transforms[parent, child] = graph.T(parent, child)
     median = np.median(np.array(spreads), axis=0) if spreads else np.array(LEVEL_START)
     transforms = {f: transforms[f] for f in layout.unknown}
-    return SeveralStart(transforms, tuple(cleaned), (float(median[0]), float(median[1])))
+    return CellStart(transforms, tuple(cleaned), (float(median[0]), float(median[1])), alone, refused)
 
 
 def _add(graph: FrameGraph, edges: Sequence[Frame], transforms: Sequence[Array]) -> FrameGraph:
@@ -99,20 +125,45 @@ def _hand_to_hand_edges(layout: Layout, p: Pictures) -> tuple[Frame, Frame, Fram
     )
 
 
-def _alone(p: Pictures, data: HandEyeViews) -> tuple[Array, Array, HandEyeViews, tuple[float, float]]:
-    """X and Z of one list of pictures. Raises: RefusedError for motions or views that determine nothing."""
+def _alone(p: Pictures, data: HandEyeViews, missing: Mapping[str, str]) -> tuple[HandEyeViews, Alone]:
+    """A list's closed form, and the list without views far from where the others put the target.
+
+    Raises: RefusedError for motions or views that determine nothing.
+    """
     setup, used = get_setup(p.setup), data.use
+    out = data.missing | dict(missing)
     if used.sum() < 3:
-        raise RefusedError(f"{int(used.sum())} usable pictures, at least 3 are needed")
+        reasons = "; ".join(f"{name}: {reason}" for name, reason in out.items())
+        raise RefusedError(
+            f"poses: {int(used.sum())} usable poses of {len(data) + len(missing)}, at least 3 are needed, better 10 to "
+            "20" + (f" ({reasons})" if reasons else "")
+        )
     A, B = setup.normal_form(data.T_base_gripper[used]), data.B[used]
-    motion_report(A, B, frame=setup.camera_parent).require_determined()
+    report = motion_report(A, B, frame=setup.camera_parent)
+    report.require_determined()
     seed = best_seed(A, B, certainty=data.certainty[used])
     if not seed.keep.all():
         dropped = np.zeros(len(data), dtype=bool)
         dropped[np.flatnonzero(used)[~seed.keep]] = True
-        reason = "its robot pose and its image disagree with the others: a wrong pose, a wrong image or a misread board"
-        data = data.without(dropped, [reason] * len(data))
-    return seed.X, seed.Z, data, (np.deg2rad(seed.loop.median_deg), 1e-3 * seed.loop.median_mm)
+        data = data.without(dropped, _gross_reasons(setup, data, seed))
+    return data, Alone(report, seed, setup_check(setup, seed, _other_seed(setup, data)))
+
+
+def _gross_reasons(setup: Setup, data: HandEyeViews, seed: Seed) -> list[str | None]:
+    mm, deg = se3.deviation(seed.Z, setup.normal_form(data.T_base_gripper) @ seed.X @ data.B)
+    return [
+        f"it puts the target {away:.3g} mm and {turned:.3g} deg from where the others do ({seed.loop.median_mm:.2g} "
+        f"mm, {seed.loop.median_deg:.2g} deg typically); wrong pose, wrong image, or a misread board"
+        for away, turned in zip(mm, deg)
+    ]
+
+
+def _other_seed(setup: Setup, data: HandEyeViews) -> Seed | None:
+    other = next(s for s in SETUPS.values() if s.name != setup.name)
+    try:
+        return seed_of_all(other.normal_form(data.T_base_gripper[data.use]), data.B[data.use])
+    except RefusedError:  # no closed form has an answer: this setup is the only one
+        return None
 
 
 def _through_others(
@@ -134,9 +185,9 @@ def _through_others(
             A, B = get_setup(p.setup).normal_form(data[i].T_base_gripper[used]), data[i].B[used]
             if _connected(graph, on, target):
                 X = se3.inverse(A) @ graph.T(on, target) @ se3.inverse(B)
-                graph = graph.add(at, camera, _middle(X))
+                graph = graph.add(at, camera, medoid(X))
             elif _connected(graph, at, camera):
-                graph = graph.add(on, target, _middle(A @ graph.T(at, camera) @ B))
+                graph = graph.add(on, target, medoid(A @ graph.T(at, camera) @ B))
             else:
                 continue
             left.discard(i)
@@ -151,22 +202,12 @@ def _third(layout: Layout, p: Pictures, data: HandEyeViews, graph: FrameGraph) -
     known = [graph.T(*e) if _connected(graph, *e) else None for e in edges]
     X, W, Z = known
     if X is not None and W is not None and Z is None:
-        return graph.add(*edges[2], _middle(se3.inverse(W @ C) @ A @ X @ B)), True
+        return graph.add(*edges[2], medoid(se3.inverse(W @ C) @ A @ X @ B)), True
     if X is not None and Z is not None and W is None:
-        return graph.add(*edges[1], _middle(A @ X @ B @ se3.inverse(C @ Z))), True
+        return graph.add(*edges[1], medoid(A @ X @ B @ se3.inverse(C @ Z))), True
     if W is not None and Z is not None and X is None:
-        return graph.add(*edges[0], _middle(se3.inverse(A) @ W @ C @ Z @ se3.inverse(B))), True
+        return graph.add(*edges[0], medoid(se3.inverse(A) @ W @ C @ Z @ se3.inverse(B))), True
     return graph, all(T is not None for T in known)
-
-
-def _middle(T: Array) -> Array:
-    """The one of transforms (n, 4, 4) that is nearest to all: a wrong one does not move it.
-
-    Distances add metres and radians: at a metre's distance one weighs as much as the other.
-    """
-    angle = so3.log(T[:, None, :3, :3] @ np.swapaxes(T[None, :, :3, :3], -1, -2))
-    distance = np.linalg.norm(angle, axis=-1) + np.linalg.norm(T[:, None, :3, 3] - T[None, :, :3, 3], axis=-1)
-    return np.asarray(T[int(np.argmin(distance.sum(axis=1)))])
 
 
 def _connected(graph: FrameGraph, parent: str, child: str) -> bool:

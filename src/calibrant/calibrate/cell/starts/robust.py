@@ -23,7 +23,7 @@ from calibrant.calibrate.cell.loop.fit import LoopFit, fit_loop
 from calibrant.calibrate.solvers.loop_errors import loop_consistency
 from calibrant.calibrate.solvers.relative import odd_part, sample
 from calibrant.geometry import se3, so3
-from calibrant.optimize.chances import f_tail
+from calibrant.optimize.chances import CHI2_6_LIMIT, CHI2_6_MEDIAN, f_tail
 
 Array = NDArray[np.float64]
 
@@ -39,9 +39,6 @@ REFINED = 4
 """Triples refined by concentration steps."""
 FLOOR_METRES, FLOOR_RADIANS = 1e-6, 1e-6
 """Differences below a micrometre and a microradian are rounding: no robot repeats better."""
-CHI2_6_MEDIAN = 5.348
-CORE_LIMIT = 27.86
-"""chi-square of 6 degrees of freedom at P = 1e-4: the first, generous admission, by a scale from the median."""
 OUTLIER_P = 1e-3
 """Chance that any one of the views of clean data is called an outlier (Bonferroni over the views)."""
 TYPICAL_FACTOR = 9.0
@@ -199,7 +196,7 @@ def _nearest(distance: Array, h: int) -> NDArray[np.bool_]:
 def _admitted(A: Array, B: Array, core: LoopFit, c: Array) -> RobustFit:
     """The core with every view taken in that its noise explains."""
     squares = np.sum((core.deviation / core.sigmas) ** 2, axis=1)
-    used = core.used | (squares * CHI2_6_MEDIAN / max(float(np.median(squares)), 1e-12) < CORE_LIMIT)
+    used = core.used | (squares * CHI2_6_MEDIAN / max(float(np.median(squares)), 1e-12) < CHI2_6_LIMIT)
     fit = fit_loop(A, B, core.X[0], used=used, certainty=c)
     for _ in range(6):
         outlier = judged(fit)

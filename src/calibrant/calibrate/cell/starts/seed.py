@@ -20,11 +20,10 @@ from calibrant.calibrate.solvers.registry import SOLVERS
 from calibrant.calibrate.solvers.relative import pose_pairs, sample
 from calibrant.data import MethodResult
 from calibrant.errors import RefusedError
+from calibrant.optimize.chances import MAXWELL_MEDIAN
 
 Array = NDArray[np.float64]
 
-MAXWELL_MEDIAN = 1.5382
-"""Median of the norm of a three-dimensional Gaussian vector, in sigmas."""
 GROSS_SIGMAS = 8.0
 """A view this far from where the others put the target is a fault, not noise: P = 1e-13 for Gaussian noise, and the
 views differ in certainty by factors of two."""

@@ -12,18 +12,8 @@ from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye
 from calibrant.calibrate.solvers.setup import get_setup
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult
-from calibrant.diagnose.budget.single import (
-    INTRINSICS,
-    LEVELS,
-    LOOP_SOURCES,
-    PIXELS,
-    ROBOT_ROTATION,
-    ROBOT_TRANSLATION,
-    TARGET,
-    NoiseLevels,
-    error_budget,
-    view_information,
-)
+from calibrant.diagnose.budget.cell import INTRINSICS, LEVELS, LOOP_SOURCES, TARGET, error_budget
+from calibrant.diagnose.budget.views import PIXELS, ROBOT_ROTATION, ROBOT_TRANSLATION, NoiseLevels, view_information
 from calibrant.errors import InputError
 from calibrant.geometry import se3
 from calibrant.simulate.scenes import Setup, hand_eye_scene

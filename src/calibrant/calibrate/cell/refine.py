@@ -1,0 +1,98 @@
+"""The weighted fit of a cell, and again without what does not belong, until nothing more goes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.calibrate.cell.consistency import inconsistent_views
+from calibrant.calibrate.cell.fitted import fitted_cameras, fitted_transforms
+from calibrant.calibrate.cell.problem.groups import geometry_variable, pictures_factor
+from calibrant.calibrate.cell.problem.layout import Frame
+from calibrant.calibrate.cell.problem.problem import Cell, cell_problem
+from calibrant.calibrate.cell.views import HandEyeViews
+from calibrant.calibrate.reprojection.outliers import mark
+from calibrant.errors import RefusedError
+from calibrant.optimize.noise import NoiseEstimate, estimate_noise
+from calibrant.optimize.solution import Solution
+
+Array = NDArray[np.float64]
+
+MAX_CLEANING_ROUNDS = 3
+MOST_LEFT_OUT = 1 / 3
+"""Where more of a list's views disagree, the fault is not in single views."""
+LEAST_VIEWS, LEAST_POINTS = 3, 6
+"""What a list keeps of its views, and a view of its points, whatever disagrees."""
+LEAST_SIGMA_START = 1e-6
+"""Start of a noise level when the closed form fits exactly: radians and metres."""
+
+
+def refined(cell: Cell, transforms: Mapping[Frame, Array], spread: tuple[float, float]) -> tuple[NoiseEstimate, Cell]:
+    """The fit with its noise levels, and what is left of the cell.
+
+    transforms: the start; spread: what a loop errs by typically, radians and metres. Raises: RefusedError naming what
+    the pictures do not determine.
+    """
+    sigmas = cell.levels((max(spread[0], LEAST_SIGMA_START), max(spread[1], LEAST_SIGMA_START)))
+    rounds = MAX_CLEANING_ROUNDS + sum(int(f.keep.sum()) for f in cell.free.values())
+    for k in range(rounds + 1):
+        noise = estimate_noise(cell_problem(cell, transforms, sigmas), floors=cell.floors())
+        solution = noise.solution
+        if solution.unobservable:
+            raise RefusedError("; ".join(u.message for u in solution.unobservable[:3]))
+        cell = _seen_again(cell, solution)
+        cleaned = cell if k == rounds else _cleaned(cell, solution)
+        if cleaned is cell:
+            break
+        cell, transforms, sigmas = cleaned, fitted_transforms(cell, solution), dict(solution.sigmas)
+    return noise, cell
+
+
+def _seen_again(cell: Cell, solution: Solution) -> Cell:
+    """The target poses of the used views found again by the cameras as refined."""
+    cameras = fitted_cameras(cell, solution)
+    data = [d.seen_by(cameras[p.camera]) if p.seen is not None and d.use.any() else d for _, p, d in cell.lists]
+    return replace(cell, data=tuple(data))
+
+
+def _cleaned(cell: Cell, solution: Solution) -> Cell:
+    """Without the views that do not fit the others; else without points beyond the noise; else without the joint
+    parameters that are hardly known. The cell itself where nothing goes."""
+    data = [_without_odd(cell, solution, i) for i in range(len(cell.data))]
+    if all(new is old for new, old in zip(data, cell.data)):
+        data = [_without_points(cell, solution, i) for i in range(len(cell.data))]
+    if any(new is not old for new, old in zip(data, cell.data)):
+        return replace(cell, data=tuple(data))
+    free = {robot: f.without_weak(solution, geometry_variable(robot)) for robot, f in cell.free.items()}
+    return replace(cell, free=free) if any(free[r] is not f for r, f in cell.free.items()) else cell
+
+
+def _without_odd(cell: Cell, solution: Solution, i: int) -> HandEyeViews:
+    """List i without views whose loop does not fit the others."""
+    data, odd = cell.data[i], inconsistent_views(cell, solution, i)
+    used = int(data.use.sum())
+    if not odd.any() or used - odd.sum() < LEAST_VIEWS or odd.sum() > MOST_LEFT_OUT * used:
+        return data
+    reason = "its robot pose and its image disagree by more than the noise of the others explains"
+    return data.without(odd, [reason] * len(data))
+
+
+def _without_points(cell: Cell, solution: Solution, i: int) -> HandEyeViews:
+    """List i without points beyond the noise. A view that does not fit as a whole is judged by its pose, not point by
+    point."""
+    data, views = cell.data[i], cell.used_views(i)
+    if not views:
+        return data
+    norms = np.linalg.norm(solution.residuals(pictures_factor(i)), axis=1)
+    offsets = np.concatenate([[0], np.cumsum([len(v) for v in views])])
+    marked = mark(norms, offsets)
+    kept = list(data.views or ())
+    changed = False
+    for k, (row, view) in enumerate(zip(np.flatnonzero(data.use).tolist(), views)):
+        keep = marked.keep[offsets[k] : offsets[k + 1]]
+        if not (marked.drop_view[k] or keep.all() or keep.sum() < LEAST_POINTS):
+            kept[row], changed = view.subset(keep), True
+    return replace(data, views=tuple(kept)) if changed else data

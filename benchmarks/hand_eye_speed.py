@@ -33,12 +33,12 @@ Array = NDArray[np.float64]
 
 ALLOWED_S = {"views": 2.0, "camera": 2.0, "pairs": 2.0, "detect": 5.0}
 STAGES = {
-    "read": ("calibrant.tasks.robots.hand_eye_data", "read"),
-    "search": ("calibrant.cli.session", "detect_boards"),
-    "doctor": ("calibrant.tasks.robots.hand_eye_data", "diagnose"),
+    "read": ("calibrant.tasks.robots.hand_eye_list", "read"),
+    "search": ("calibrant.tasks.session", "detect_boards"),
+    "doctor": ("calibrant.tasks.robots.hand_eye_list", "diagnose"),
     "calibrate": ("calibrant.calibrate.cell.hand_eye", "calibrate_hand_eye"),
     "review": ("calibrant.diagnose.review", "review"),
-    "checksums": ("calibrant.cli.session", "file_records"),
+    "checksums": ("calibrant.tasks.session", "file_records"),
     "summary": ("calibrant.reports.terminal", "summary"),
     "write": ("calibrant.data.results", "CalibrationResult.write"),
 }

@@ -33,16 +33,21 @@ if TYPE_CHECKING:
     from calibrant.geometry.frames import FrameGraph as FrameGraph
     from calibrant.reports.html import write_report as write_report
     from calibrant.targets.registry import parse_target as parse_target
+    from calibrant.tasks.inputs.pose_files import read_poses as read_poses
     from calibrant.tasks.verbs import doctor as doctor
     from calibrant.tasks.verbs import dynamic as dynamic
     from calibrant.tasks.verbs import hand_eye as hand_eye
     from calibrant.tasks.verbs import intrinsics as intrinsics
     from calibrant.tasks.verbs import kinematics as kinematics
     from calibrant.tasks.verbs import next_pose as next_pose
+    from calibrant.tasks.verbs import pose as pose
+    from calibrant.tasks.verbs import report as report
+    from calibrant.tasks.verbs import target as target
     from calibrant.tasks.verbs import time_offset as time_offset
     from calibrant.tasks.verbs import tool_seen as tool_seen
     from calibrant.tasks.verbs import tool_self_visibility as tool_self_visibility
     from calibrant.tasks.verbs import tool_touch as tool_touch
+    from calibrant.tasks.verbs import vanishing as vanishing
 
     read = result_file.read_result
 
@@ -74,11 +79,16 @@ _PUBLIC = {
     "kinematics": ("calibrant.tasks.verbs", "kinematics"),
     "next_pose": ("calibrant.tasks.verbs", "next_pose"),
     "parse_target": ("calibrant.targets.registry", "parse_target"),
+    "pose": ("calibrant.tasks.verbs", "pose"),
     "read": ("calibrant.data.result_file", "read_result"),
+    "read_poses": ("calibrant.tasks.inputs.pose_files", "read_poses"),
+    "report": ("calibrant.tasks.verbs", "report"),
+    "target": ("calibrant.tasks.verbs", "target"),
     "time_offset": ("calibrant.tasks.verbs", "time_offset"),
     "tool_seen": ("calibrant.tasks.verbs", "tool_seen"),
     "tool_self_visibility": ("calibrant.tasks.verbs", "tool_self_visibility"),
     "tool_touch": ("calibrant.tasks.verbs", "tool_touch"),
+    "vanishing": ("calibrant.tasks.verbs", "vanishing"),
     "write_report": ("calibrant.reports.html", "write_report"),
 }
 

@@ -7,13 +7,29 @@ from __future__ import annotations
 
 
 class CalibrantError(Exception):
-    """Root of every error that calibrant raises on purpose."""
+    """Root of every error that calibrant raises on purpose.
+
+    >>> import calibrant as cb
+    >>> try:
+    ...     cb.parse_target("chess:9x6:25mm")
+    ... except cb.CalibrantError as error:
+    ...     error.exit_status
+    2
+    """
 
     exit_status = 1
 
 
 class InputError(CalibrantError):
-    """The input or the arguments cannot be used: a missing file, a wrong shape, an unknown name."""
+    """The input or the arguments cannot be used: a missing file, a wrong shape, an unknown name.
+
+    >>> import calibrant as cb
+    >>> try:
+    ...     cb.parse_target("chessboard:9x6:25")
+    ... except cb.InputError as error:
+    ...     "no unit" in str(error)
+    True
+    """
 
     exit_status = 2
 
@@ -22,6 +38,12 @@ class RefusedError(CalibrantError):
     """The data are readable but cannot determine the result, or contradict it: the calibration is refused.
 
     `result` is the calibration that failed its checks, where it got that far; it is for diagnosis, not for use.
+
+        >>> import calibrant as cb
+        >>> try:
+        ...     result = cb.hand_eye(images="photos", poses="poses.csv", target="chessboard:9x6:25mm")  # doctest: +SKIP
+        ... except cb.RefusedError as refusal:
+        ...     print(refusal)  # what the data contradict or do not determine, and what to do
     """
 
     result: object | None = None

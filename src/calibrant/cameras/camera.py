@@ -22,6 +22,12 @@ class Camera:
 
     values (k,) in the order of `model.parameter_names`; covariance (k, k) of the same, None when it is not known;
     a fixed parameter has variance 0.
+
+        >>> import calibrant as cb
+        >>> parameters = {"fx": 800.0, "fy": 800.0, "cx": 319.5, "cy": 239.5}
+        >>> camera = cb.Camera.create("pinhole", parameters, image_size=(640, 480))
+        >>> camera.project([0.1, 0.0, 1.0]).tolist()
+        [399.5, 239.5]
     """
 
     model: CameraModel

@@ -34,6 +34,10 @@ class View:
     points (n, 3) metres, target frame; uv (n, 2) pixels; point_ids (n,) labels of the target's points;
     sigma_px (n,) relative standard deviation of each point per axis, or None when all weigh the same.
     `moment` names what was seen at the same time (other cameras, a robot pose); it is the id when not given.
+
+        >>> import calibrant as cb
+        >>> len(cb.View("0.png", points=[[0, 0, 0], [0.03, 0, 0]], uv=[[10, 20], [40, 20]], point_ids=[0, 1]))
+        2
     """
 
     id: str
@@ -93,6 +97,12 @@ class Observations:
 
     image_sizes: (width, height) of each camera by name; target: its spec, when known; missed: images that gave no
     view; notes: what a person should know about how the views were read, in whole sentences.
+
+        >>> import calibrant as cb
+        >>> points, uv = [[[0, 0, 0], [0.03, 0, 0]]], [[[10, 20], [40, 20]]]  # metres and pixels, a pair a view
+        >>> observations = cb.Observations.from_points(points, uv, image_size=(640, 480))
+        >>> len(observations.views)
+        1
     """
 
     views: tuple[View, ...]

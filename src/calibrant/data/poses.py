@@ -20,6 +20,10 @@ class RobotPoses:
 
     ids (n,) name the moments (image names, when the file gives them); T_base_gripper (n, 4, 4).
     `source` says how the file was read, for people.
+
+        >>> import calibrant as cb, numpy as np
+        >>> cb.RobotPoses(("0.png", "1.png"), np.stack([np.eye(4)] * 2)).ids
+        ('0.png', '1.png')
     """
 
     ids: tuple[str, ...]

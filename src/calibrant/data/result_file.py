@@ -34,7 +34,13 @@ def result_text(result: CalibrationResult) -> str:
 
 
 def read_result(path: str | Path) -> CalibrationResult:
-    """Read a result file. Raises: InputError: missing, not JSON, another format, a key missing or of the wrong kind."""
+    """Read a result file.
+
+    Raises: InputError: missing, not JSON, another format, a key missing or of the wrong kind.
+
+        >>> import calibrant as cb
+        >>> result = cb.read("camera.json")  # doctest: +SKIP
+    """
     path = Path(path)
     try:
         text = path.read_text(encoding="utf-8")

@@ -27,7 +27,12 @@ D = TypeVar("D")
 
 @dataclass(frozen=True)
 class Check:
-    """One question asked of the data or the result, and its answer in words. `value` is the figure behind it."""
+    """One question asked of the data or the result, and its answer in words. `value` is the figure behind it.
+
+    >>> import calibrant as cb
+    >>> cb.Check("convergence", "ok", "converged in 9 steps", 9.0).status
+    'ok'
+    """
 
     name: str
     status: Status

@@ -71,6 +71,9 @@ def detect(
     An image that cannot be read or does not show the target is listed in `missed` with the reason.
     Raises: InputError when no image is given, none can be read, or sizes differ; DetectionError when no image shows the
     target.
+
+        >>> import calibrant as cb
+        >>> observations = cb.detect("photos/*.jpg", target="chessboard:9x6:25mm")  # doctest: +SKIP
     """
     wanted = parse_target(target) if isinstance(target, str) else target
     check_choice(wanted.kind, refinement)  # options that do not go together are said before anything is read

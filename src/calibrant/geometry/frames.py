@@ -32,6 +32,11 @@ class FrameGraph:
 
     Start with `FrameGraph()`. A transform may carry leading axes, (n, 4, 4), for n moments; they broadcast.
     tolerance_m, tolerance_rad: by how much two paths between the same frames may differ before `add` refuses.
+
+        >>> import calibrant as cb, numpy as np
+        >>> graph = cb.FrameGraph().add("base", "gripper", np.eye(4)).add("gripper", "camera", np.eye(4))
+        >>> graph.frames
+        ('base', 'gripper', 'camera')
     """
 
     tolerance_m: float = _ROUNDING_M

@@ -29,6 +29,9 @@ def write_report(
     place the observations name; force, whether an existing file may be replaced. Pictures that cannot be read are left
     out and the page says so.
     Raises: InputError when the path exists and `force` is False, or cannot be written; nothing is left half-written.
+
+        >>> import calibrant as cb
+        >>> cb.write_report(cb.read("camera.json"), "camera.html")  # doctest: +SKIP
     """
     return write_text(report_page(result, images=images), path, force=force)
 

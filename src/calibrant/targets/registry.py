@@ -50,6 +50,10 @@ def parse_target(spec: str) -> Target:
 
     Args: spec, such as charuco:5x7:40mm:20mm:DICT_6X6_250 or board.yaml.
     Raises: InputError naming what is wrong and the expected form.
+
+        >>> import calibrant as cb
+        >>> len(cb.parse_target("chessboard:9x6:25mm").points)
+        54
     """
     text = spec.strip()
     if text.lower().endswith((".yaml", ".yml")) and ":" not in text.removeprefix(Path(text).drive):

@@ -9,6 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from calibrant.cancel import checkpoint
 from calibrant.errors import InputError
 from calibrant.tasks.listener import SILENT, Listener
 
@@ -30,6 +31,7 @@ SOLVER = (
 
 def load_solver(listener: Listener = SILENT) -> None:
     """Load the kernels for photos; the first run on a machine compiles them, which a person should know."""
+    checkpoint()
     with listener.status(_LOADING):
         for module in SOLVER:
             import_module(module)
@@ -37,6 +39,7 @@ def load_solver(listener: Listener = SILENT) -> None:
 
 def load_pose_solver(listener: Listener = SILENT) -> None:
     """Load the kernels for poses alone, which are far fewer than those for photos."""
+    checkpoint()
     with listener.status(_LOADING):
         for module in POSE_SOLVER:
             import_module(module)

@@ -29,6 +29,12 @@ def calibrate_intrinsics(
     `target_shape`); the result then holds its figures.
     Returns a CalibrationResult of kind "intrinsics". Raises: InputError for unusable input; RefusedError when the
     views cannot determine the camera, naming what is missing.
+
+        >>> import calibrant as cb
+        >>> from calibrant.simulate.scenes import intrinsics_scene
+        >>> result = cb.calibrate_intrinsics(intrinsics_scene(6).observations, model="brown")
+        >>> sorted(result.camera.parameters)[:4]
+        ['cx', 'cy', 'fx', 'fy']
     """
     if model == AUTO:
         return calibrate_auto(observations, fix=fix, initial=initial, max_error_px=max_error_px)

@@ -43,7 +43,14 @@ KINDS = ("offsets", "gear", "coupling", "geometry")
 
 @dataclass(frozen=True, eq=False)
 class JointReadings:
-    """What a robot's joints read at named moments: ids (n,), q (n, k) radians and metres, of a chain."""
+    """What a robot's joints read at named moments: ids (n,), q (n, k) radians and metres, of a chain.
+
+    >>> import calibrant as cb
+    >>> from calibrant.formats.robots.read import read_robot
+    >>> chain = read_robot("ur5e").chain
+    >>> cb.JointReadings(("0.png",), [[0.0, -1.2, 1.5, -0.3, 1.5, 0.0]], chain).ids
+    ('0.png',)
+    """
 
     ids: tuple[str, ...]
     q: Array

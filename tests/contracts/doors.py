@@ -1,0 +1,99 @@
+"""What the contract over every command's doors runs: for each, files to work on and the options to call it with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from calibrant.cameras import Camera
+from calibrant.data import CalibrationResult, RobotPoses
+from calibrant.geometry import so3
+from calibrant.simulate.cell import poses_csv
+from calibrant.simulate.manhattan import render_room, room
+from calibrant.simulate.noise import noisy_poses
+from calibrant.simulate.render import Look, render
+from calibrant.simulate.scenes import gripper_poses, look_at_board, standard_mounting
+from calibrant.targets.registry import parse_target
+
+TARGET = "chessboard:7x6:30mm"
+VIEWS = 8
+Options = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Files:
+    """What every case may use: photos of a chessboard by a camera on a gripper, and the robot's poses."""
+
+    folder: Path
+    images: Path
+    poses: Path
+    camera: Path
+    """The camera of the photos, as a result file."""
+
+
+def make_files(folder: Path) -> Files:
+    """Photos NN.png and poses.csv in the folder."""
+    images = folder / "images"
+    images.mkdir()
+    rng = np.random.default_rng(7)
+    camera = Camera.create(
+        "brown", {"fx": 430.0, "fy": 428.0, "cx": 241.0, "cy": 178.0, "k1": -0.1}, image_size=(480, 360)
+    )
+    target = parse_target(TARGET)
+    T = look_at_board(camera, target.points, VIEWS, rng=rng, distance=(0.35, 0.6), tilt_deg=45)
+    for i, T_camera_target in enumerate(T):
+        image = render(target.artwork(), camera, T_camera_target, rng=rng, look=Look(clutter=0, noise_grey=2.0))
+        cv2.imwrite(str(images / f"{i:02d}.png"), image)
+    X, Z = standard_mounting("eye-in-hand")
+    robot = noisy_poses(gripper_poses("eye-in-hand", X, Z, T), sigma_mm=0.05, sigma_deg=0.01, rng=rng)
+    poses = folder / "poses.csv"
+    poses.write_text(poses_csv(RobotPoses.from_matrices(robot, ids=[f"{i:02d}.png" for i in range(VIEWS)])))
+    known = folder / "camera.json"
+    CalibrationResult("intrinsics", "ok", cameras={"camera": camera}).write(known)
+    return Files(folder, images, poses, known)
+
+
+def _detect(files: Files) -> Options:
+    return {"images": [files.images], "target": TARGET}
+
+
+def _intrinsics(files: Files) -> Options:
+    return {"images": [files.images], "target": TARGET, "fix": ["k3"]}
+
+
+def _hand_eye(files: Files) -> Options:
+    return {"images": [files.images], "poses": [files.poses], "target": [TARGET]}
+
+
+def _doctor(files: Files) -> Options:
+    return {"images": [files.images], "poses": [files.poses], "target": TARGET}
+
+
+def _pose(files: Files) -> Options:
+    return {"images": [files.images / "00.png"], "target": TARGET, "camera": files.camera}
+
+
+def _vanishing(files: Files) -> Options:
+    rng = np.random.default_rng(7)
+    camera = Camera.create("pinhole", {"fx": 520.0, "fy": 520.0, "cx": 319.5, "cy": 239.5}, image_size=(640, 480))
+    photo = files.folder / "room.png"
+    cv2.imwrite(str(photo), render_room(room(rng), camera, so3.exp([0.25, 0.4, 0.05]), rng=rng))
+    return {"image": photo}
+
+
+CASES: Mapping[str, Callable[[Files], Options]] = {
+    "detect": _detect,
+    "intrinsics": _intrinsics,
+    "hand-eye": _hand_eye,
+    "doctor": _doctor,
+    "pose": _pose,
+    "vanishing": _vanishing,
+}
+"""Options by command, as Python takes them: a line for every command that gives a result."""
+OWED = frozenset({"next-pose", "time-offset", "dynamic", "tool touch", "tool seen", "tool self-visibility"})
+"""Commands whose line is still to be written. None is added."""

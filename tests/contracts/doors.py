@@ -95,5 +95,17 @@ CASES: Mapping[str, Callable[[Files], Options]] = {
     "vanishing": _vanishing,
 }
 """Options by command, as Python takes them: a line for every command that gives a result."""
-OWED = frozenset({"next-pose", "time-offset", "dynamic", "tool touch", "tool seen", "tool self-visibility"})
+OWED = frozenset(
+    {
+        "undistort",
+        "study methods",
+        "kinematics",
+        "next-pose",
+        "time-offset",
+        "dynamic",
+        "tool touch",
+        "tool seen",
+        "tool self-visibility",
+    }
+)
 """Commands whose line is still to be written. None is added."""

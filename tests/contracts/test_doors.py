@@ -61,9 +61,9 @@ def content(text: str) -> dict[str, Any]:
 
 
 def test_every_command_has_a_case() -> None:
-    assert set(CASES) | OWED == set(WITH_RESULT)
+    assert set(WITH_RESULT) <= set(CASES) | OWED
     assert not set(CASES) & OWED
-    assert set(VERBS) <= set(cb.__all__)
+    assert {VERB_OF[name] for name in TASKS if name not in OWED} <= set(cb.__all__)
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -31,6 +31,7 @@ from calibrant.data import (
 from calibrant.data.details import (
     DETAILS,
     Deviations,
+    Expectation,
     Fault,
     Faults,
     JointAxes,
@@ -39,10 +40,12 @@ from calibrant.data.details import (
     ModelCandidate,
     ModelChoice,
     PictureRegion,
+    PlannedPose,
     RobotParameter,
     RobotParameters,
     TouchedPoint,
     ViewDeviation,
+    ViewPlan,
 )
 from calibrant.data.result_file import read_observations, read_result, write_observations, write_result
 from calibrant.errors import InputError
@@ -68,6 +71,13 @@ def details() -> tuple[object, ...]:
         Deviations((ViewDeviation("0", 1 / 3, 0.1, 0.1, 0.2), ViewDeviation("1"))),
         TouchedPoint((1 / 3, 2.0, 3.0), {"0": 0.1}),
         PictureRegion(1, 2, 30, 40),
+        ViewPlan(
+            "A point 1 m ahead",
+            Expectation(1 / 3, 2 / 3),
+            (PlannedPose("00.png", (0.1, 1 / 3, 0.2), (0.0, 0.0, 0.0, 1.0), {"q1": 1 / 7}, 0.3, 0.6),),
+            {"q1": "rad"},
+            obstacles=True,
+        ),
     )
 
 

@@ -94,7 +94,7 @@ def _standing(known: CalibrationResult, path: Path) -> tuple[Camera, TransformEs
             f"{path}: expected the hand-eye result of a camera that stands still (base -> camera, eye-to-hand); it has "
             f"{there}. A camera on the gripper cannot tell where a tool on that gripper is"
         )
-    if known.kind != "hand-eye" or known.observations is None:
+    if known.robot_poses is None or known.observations is None:
         return known.camera, place, None
     rows = np.r_[0:6, 12 : 12 + len(known.camera.values)]
     return known.camera, place, error_budget(known).covariance[np.ix_(rows, rows)]

@@ -8,7 +8,16 @@ from pathlib import Path
 import pytest
 
 from calibrant.data import CalibrationResult, Measured
-from calibrant.data.details import Faults, JointAxes, ModelChoice, PictureRegion, RobotParameters, TouchedPoint
+from calibrant.data.details import (
+    BentTarget,
+    Faults,
+    FreeTarget,
+    JointAxes,
+    ModelChoice,
+    PictureRegion,
+    RobotParameters,
+    TouchedPoint,
+)
 from calibrant.data.result_file import read_result, write_result
 from calibrant.errors import InputError
 
@@ -40,7 +49,7 @@ def test_every_kind_is_read_and_goes_round_in_format_2(file: Path, tmp_path: Pat
     written = json.loads(path.read_text(encoding="utf-8"))
     assert written["format"] == "calibrant/2"
     # What is not an option is as it was, but for rotations, which reading makes rotations again.
-    for key in data.keys() - {"format", "options", "robot_poses"}:
+    for key in data.keys() - {"format", "options", "robot_poses", "target_shape"}:
         assert written[key] == data[key], key
     again = read_result(path)
     assert again.figures == result.figures
@@ -86,6 +95,20 @@ def test_records_keep_their_digits() -> None:
     assert [f.name for f in faults.found] == ["poses-shifted", "board-flipped"]
     assert faults.found[1].views == ("4.png",)
     assert old("hand-eye-repaired").detail(Faults) == faults
+
+
+def test_a_target_keeps_its_shape() -> None:
+    was = json.loads((FOLDER / "intrinsics-shape.json").read_text(encoding="utf-8"))["target_shape"]
+    bent = old("intrinsics-shape").detail(BentTarget)
+    assert bent is not None
+    assert (list(bent.bend_mm), list(bent.bend_sigma_mm), bent.largest_mm) == (
+        was["bend_mm"], was["bend_sigma_mm"], was["largest_mm"],
+    )  # fmt: skip
+    was = json.loads((FOLDER / "intrinsics-free.json").read_text(encoding="utf-8"))["target_shape"]
+    free = old("intrinsics-free").detail(FreeTarget)
+    assert free is not None
+    assert {name: list(d) for name, d in free.deviation_mm.items()} == was["deviation_mm"]
+    assert (free.points, free.typical_sigma_mm) == (was["points"], was["typical_sigma_mm"])
 
 
 def test_a_cell_keeps_its_lists_and_its_noise() -> None:

@@ -74,6 +74,30 @@ class ModelChoice:
 
 
 @dataclass(frozen=True)
+class BentTarget:
+    """A target bent like a dish: its sag across columns and across rows with 1 sigma, and its largest, mm."""
+
+    bend_mm: tuple[float, float]
+    bend_sigma_mm: tuple[float, float]
+    largest_mm: float
+
+
+@dataclass(frozen=True)
+class FreeTarget:
+    """A target whose every point was estimated: how far they are from where they should be, by the point's id, mm.
+
+    The rms is over all points, across the plane and along it; typical_sigma_mm is 1 sigma of a coordinate.
+    """
+
+    points: int
+    out_of_plane_rms_mm: float
+    in_plane_rms_mm: float
+    largest_mm: float
+    typical_sigma_mm: float
+    deviation_mm: Mapping[str, Triple]
+
+
+@dataclass(frozen=True)
 class LoopSpread:
     """How far a loop of poses is from closing, rms."""
 
@@ -176,6 +200,8 @@ DETAILS: Mapping[str, type] = {
     "robot_parameters": RobotParameters,
     "joint_axes": JointAxes,
     "model_choice": ModelChoice,
+    "bent_target": BentTarget,
+    "free_target": FreeTarget,
     "faults": Faults,
     "deviations": Deviations,
     "touched_point": TouchedPoint,

@@ -28,14 +28,15 @@ def from_format_one(data: Json) -> Json:
             "figures": _figures(asked),
             "decided": _decided(asked, kind=str(data.get("kind"))),
             "cell": _cell(asked),
-            "details": _details(asked),
+            "details": {**_details(asked), **_target(data.get("target_shape"))},
         }
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         what = f"{type(error).__name__}: {error}"
         raise InputError(f"file.options is not as {FORMAT_ONE} has it ({what}); calibrate again") from error
     scale = data.get("target_scale")
     known = {"target_scale": {k: scale[k] for k in ("value", "sigma") if k in scale}} if isinstance(scale, dict) else {}
-    return {**data, **known, "options": asked, **{key: value for key, value in moved.items() if value}}
+    others = {key: value for key, value in data.items() if key != "target_shape"}
+    return {**others, **known, "options": asked, **{key: value for key, value in moved.items() if value}}
 
 
 def _figures(asked: Json) -> Json:
@@ -79,6 +80,14 @@ def _cell(asked: Json) -> Json | None:
     if pictures is None:
         return None
     return {"pictures": pictures, **{key: value for key, value in found.items() if value}}
+
+
+def _target(shape: Mapping[str, Any] | None) -> Json:
+    """A target whose shape was estimated, by the record of its kind."""
+    if shape is None:
+        return {}
+    figures = {key: value for key, value in shape.items() if key != "kind"}
+    return {{"paraboloid": "bent_target", "free": "free_target"}[shape["kind"]]: figures}
 
 
 def _details(asked: Json) -> Json:

@@ -128,7 +128,6 @@ def decode(data: Any) -> CalibrationResult:
         views=_records(data, "views", _decode_view),
         methods=_named(data, "methods", _decode_method),
         target_scale=None if scale is None else from_json(Measured, scale, "target_scale"),
-        target_shape=_maybe(data, "target_shape", dict, "file"),
         held_out=None
         if held is None
         else HeldOut(**{k: _maybe_number(held, k, "held_out") for k in ("mm", "deg", "px")}),

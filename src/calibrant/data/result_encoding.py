@@ -38,7 +38,6 @@ def encode(result: CalibrationResult) -> Json:
             "rms_px": result.rms_px,
             "sigma_px": result.sigma_px,
             "sigma_robot": None if result.sigma_robot is None else _present(vars(result.sigma_robot)),
-            "target_shape": result.target_shape,
             "target_scale": None if result.target_scale is None else as_json(result.target_scale),
             "figures": as_json(result.figures) or None,
             "decided": dict(result.decided) or None,

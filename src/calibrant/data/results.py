@@ -174,8 +174,6 @@ class CalibrationResult:
     views: tuple[ViewResult, ...] = ()
     methods: Mapping[str, MethodResult] = field(default_factory=dict)
     target_scale: Measured | None = None
-    target_shape: Mapping[str, Any] | None = None
-    """Figures of a target whose shape was estimated, millimetres; None when it was taken as flat."""
     held_out: HeldOut | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
     """What was asked, and nothing that was found."""

@@ -9,6 +9,7 @@ import pytest
 
 from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics
 from calibrant.data import CalibrationResult, Observations
+from calibrant.data.details import BentTarget, FreeTarget
 from calibrant.data.result_file import read_result, write_result
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3
@@ -37,8 +38,9 @@ def worst(result: CalibrationResult) -> float:
 
 def test_paraboloid_is_found() -> None:
     result = calibrate_intrinsics(bent(0), target_shape="paraboloid")
-    assert result.target_shape is not None
-    found, sigma = np.array(result.target_shape["bend_mm"]), np.array(result.target_shape["bend_sigma_mm"])
+    shape = result.detail(BentTarget)
+    assert shape is not None
+    found, sigma = np.array(shape.bend_mm), np.array(shape.bend_sigma_mm)
     assert np.all(np.abs(found - BEND_MM) < 4 * sigma)
     assert np.all(sigma < 0.02)
     assert result.sigma_px == pytest.approx(0.05, rel=0.06)
@@ -58,12 +60,13 @@ def test_free_points_are_found_up_to_the_gauge() -> None:
     rng = np.random.default_rng(5)
     deviation = 3e-4 * rng.normal(size=POINTS.shape)
     result = calibrate_intrinsics(bent(2, sigma=0.02, views=40, shape=POINTS + deviation), target_shape="free")
-    assert result.target_shape is not None
-    found = np.array([result.target_shape["deviation_mm"][str(i)] for i in range(len(POINTS))])
+    shape = result.detail(FreeTarget)
+    assert shape is not None
+    found = np.array([shape.deviation_mm[str(i)] for i in range(len(POINTS))])
     # What a similarity can do to the board is not part of its shape: take it off the truth as well.
     true = 1e3 * deviation - _similarity_part(1e3 * deviation)
     assert np.sqrt(np.mean((found - true) ** 2)) < 0.02
-    assert result.target_shape["out_of_plane_rms_mm"] == pytest.approx(0.3, rel=0.15)
+    assert shape.out_of_plane_rms_mm == pytest.approx(0.3, rel=0.15)
     assert result.sigma_px == pytest.approx(0.02, rel=0.05)
 
 
@@ -79,8 +82,9 @@ def test_poses_belong_to_the_nominal_board() -> None:
     """The poses that a shaped fit reports project the aligned shape where the points were seen."""
     observations = bent(3)
     result = calibrate_intrinsics(observations, target_shape="free")
-    assert result.target_shape is not None
-    d = np.array([result.target_shape["deviation_mm"][str(i)] for i in range(len(POINTS))]) * 1e-3
+    shape = result.detail(FreeTarget)
+    assert shape is not None
+    d = np.array([shape.deviation_mm[str(i)] for i in range(len(POINTS))]) * 1e-3
     for view, of in zip(observations.views[:3], result.views):
         uv = result.camera.project(se3.apply(of.T_camera_target, (POINTS + d)[view.point_ids]))
         assert np.sqrt(np.mean((uv - view.uv) ** 2)) == pytest.approx(0.05, rel=0.3)
@@ -89,11 +93,11 @@ def test_poses_belong_to_the_nominal_board() -> None:
 def test_a_flat_board_stays_flat(tmp_path: object) -> None:
     observations = intrinsics_scene(20, seed=2).observations
     result = calibrate_intrinsics(observations, target_shape="paraboloid")
-    shape = result.target_shape
+    shape = result.detail(BentTarget)
     assert shape is not None
-    assert np.all(np.abs(shape["bend_mm"]) < 4 * np.array(shape["bend_sigma_mm"]))
+    assert np.all(np.abs(shape.bend_mm) < 4 * np.array(shape.bend_sigma_mm))
     path = write_result(result, tmp_path / "camera.json")  # type: ignore[operator]
-    assert read_result(path).target_shape == shape
+    assert read_result(path).detail(BentTarget) == shape
 
 
 def test_bad_input() -> None:

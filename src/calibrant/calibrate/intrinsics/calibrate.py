@@ -26,7 +26,7 @@ def calibrate_intrinsics(
     fix: parameters (or aspect, tangential, focal, principal) held at `initial`, or at their neutral values.
     initial: start values; its model may differ, terms it lacks start at 0. max_error_px: points above it are left out
     and the rest is calibrated again. target_shape: "flat", or estimated with the camera: "paraboloid" or "free" (see
-    `target_shape`); the result then holds its figures.
+    `target_shape`); the result then holds its shape among `details`.
     Returns a CalibrationResult of kind "intrinsics". Raises: InputError for unusable input; RefusedError when the
     views cannot determine the camera, naming what is missing.
 

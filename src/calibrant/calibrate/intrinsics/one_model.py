@@ -31,6 +31,7 @@ from calibrant.calibrate.starts import with_depth as spatial_start
 from calibrant.calibrate.starts.with_depth import SolidViews, see_target
 from calibrant.cameras import Camera, CameraModel
 from calibrant.data import CalibrationResult, Observations, View, ViewResult, verdict_of
+from calibrant.data.details import BentTarget, FreeTarget
 from calibrant.data.verdicts import refuse_if_failed, stamp
 from calibrant.errors import CalibrantError, InputError, RefusedError
 from calibrant.optimize.solution import Solution
@@ -94,7 +95,7 @@ def calibrate_keeping(
     except CalibrantError:
         refuse_wide_lens(kind, stacked, image_size)
         raise
-    figures: dict[str, object] | None = None
+    shape: BentTarget | FreeTarget | None = None
     if target_shape != FLAT:
         shaped = shape_of(target_shape)(Flat(fit.solution, fit.views, fit.stacked, kind))
         fit = replace(
@@ -103,13 +104,13 @@ def calibrate_keeping(
             T_camera_target=shaped.T_camera_target,
             gauge_equations=shaped.gauge_equations,
         )
-        figures = shaped.figures
+        shape = shaped.shape
     result = _intrinsics_result(
         observations, camera_name, image_size, kind, fix, fit, marked, too_small, max_error_px, initial
     )
-    if figures is not None:
+    if shape is not None:
         options = {**result.options, "target_shape": target_shape}
-        result = replace(result, options=options, target_shape=with_noise(figures, result.sigma_px or 0.0))
+        result = replace(result, options=options).with_detail(with_noise(shape, result.sigma_px or 0.0))
     return Kept(result, fit.views, fit.stacked, fit.solution)
 
 

@@ -12,8 +12,7 @@ parameters do not depend on the choice either.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from calibrant.calibrate.reprojection.factor import ReprojectionFactor, StackedV
 from calibrant.calibrate.reprojection.links import Link
 from calibrant.cameras import CameraModel
 from calibrant.data import View
+from calibrant.data.details import BentTarget, FreeTarget
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3, so3
 from calibrant.optimize import SE3, Euclidean, Factor, Manifold, Problem, Solution, Variable, VectorPrior, solve
@@ -41,13 +41,12 @@ GAUGE_EQUATIONS = 7
 class Shaped:
     """A fit with the target's shape in it.
 
-    T_camera_target (m, 4, 4); figures: the shape in numbers, sigmas at unit noise; gauge_equations: those that are no
-    data.
+    T_camera_target (m, 4, 4); shape: in numbers, sigmas at unit noise; gauge_equations: those that are no data.
     """
 
     solution: Solution
     T_camera_target: Array
-    figures: dict[str, Any]
+    shape: BentTarget | FreeTarget
     gauge_equations: int
 
 
@@ -68,9 +67,12 @@ def shape_of(name: str) -> Callable[[Flat], Shaped]:
     return SHAPES[name]
 
 
-def with_noise(figures: dict[str, Any], sigma_px: float) -> dict[str, Any]:
-    """The figures with their sigmas, which belong to unit noise, at the noise found."""
-    return {k: v if "sigma" not in k else (np.asarray(v) * sigma_px).tolist() for k, v in figures.items()}
+def with_noise(shape: BentTarget | FreeTarget, sigma_px: float) -> BentTarget | FreeTarget:
+    """The shape with its sigmas, which belong to unit noise, at the noise found."""
+    if isinstance(shape, FreeTarget):
+        return replace(shape, typical_sigma_mm=shape.typical_sigma_mm * sigma_px)
+    across, down = shape.bend_sigma_mm
+    return replace(shape, bend_sigma_mm=(across * sigma_px, down * sigma_px))
 
 
 def _variables(flat: Flat) -> tuple[Variable, Variable, Manifold]:
@@ -103,13 +105,11 @@ def paraboloid(flat: Flat) -> Shaped:
     if solution.unobservable:
         raise RefusedError(f"the target's shape is not determined: {solution.unobservable[0].message}")
     values, sigma = solution.value(BEND)[0], np.sqrt(np.diag(solution.covariance(BEND)))
-    figures = {
-        "kind": "paraboloid",
-        "bend_mm": (1e3 * values).tolist(),
-        "bend_sigma_mm": (1e3 * sigma).tolist(),
-        "largest_mm": float(1e3 * np.abs((1 - across**2) @ values).max()),
-    }
-    return Shaped(solution, solution.value("T_camera_target"), figures, 0)
+    columns, rows = (1e3 * values).tolist()
+    sigma_columns, sigma_rows = (1e3 * sigma).tolist()
+    largest = float(1e3 * np.abs((1 - across**2) @ values).max())
+    shape = BentTarget((columns, rows), (sigma_columns, sigma_rows), largest)
+    return Shaped(solution, solution.value("T_camera_target"), shape, 0)
 
 
 def _priors(flat: Flat) -> list[Factor]:
@@ -172,16 +172,15 @@ def free_points(flat: Flat) -> Shaped:
     sigma = 1e3 * np.sqrt(np.mean([np.trace(C) / 3 for C in solution.covariances(POINTS)]))
     normal = planar_start.in_plane(nominal).T_plane_target[2, :3]
     out = deviation @ normal
-    figures = {
-        "kind": "free",
-        "points": len(labels),
-        "out_of_plane_rms_mm": float(np.sqrt(np.mean(out**2))),
-        "in_plane_rms_mm": float(np.sqrt(np.mean(np.sum((deviation - out[:, None] * normal) ** 2, axis=1) / 2))),
-        "largest_mm": float(np.linalg.norm(deviation, axis=1).max()),
-        "typical_sigma_mm": float(sigma),
-        "deviation_mm": {str(i): d.tolist() for i, d in zip(labels, deviation)},
-    }
-    return Shaped(solution, T, figures, GAUGE_EQUATIONS)
+    shape = FreeTarget(
+        points=len(labels),
+        out_of_plane_rms_mm=float(np.sqrt(np.mean(out**2))),
+        in_plane_rms_mm=float(np.sqrt(np.mean(np.sum((deviation - out[:, None] * normal) ** 2, axis=1) / 2))),
+        largest_mm=float(np.linalg.norm(deviation, axis=1).max()),
+        typical_sigma_mm=float(sigma),
+        deviation_mm={str(i): (x, y, z) for i, (x, y, z) in zip(labels, deviation.tolist())},
+    )
+    return Shaped(solution, T, shape, GAUGE_EQUATIONS)
 
 
 def _gauge(nominal: Array) -> list[Factor]:

@@ -3,17 +3,31 @@
 from __future__ import annotations
 
 from calibrant.data import CalibrationResult
-from calibrant.data.details import ModelChoice
+from calibrant.data.details import BentTarget, FreeTarget, ModelChoice
 from calibrant.reports.kinds.kind import Kind
 from calibrant.reports.kinds.phrases import errors, focal_facts, focal_known, used
 from calibrant.reports.parts.blocks import Column, TextTable
-from calibrant.reports.parts.figures import Fact
-from calibrant.reports.parts.numbers import plain
+from calibrant.reports.parts.figures import Fact, noise_facts
+from calibrant.reports.parts.numbers import plain, with_sigma
 
 
 def _headline(result: CalibrationResult) -> list[Fact]:
     noise = errors(result, "RMS error", "pixel noise, 1σ", "held-out error")
     return [*focal_facts(result), *noise, *used(result)]
+
+
+def _facts(result: CalibrationResult) -> list[Fact]:
+    """Errors and noise, and the shape of a target that was not taken as flat."""
+    facts = noise_facts(result)
+    bent, free = result.detail(BentTarget), result.detail(FreeTarget)
+    if bent is not None:
+        parts = [with_sigma(b, s, unit="mm") for b, s in zip(bent.bend_mm, bent.bend_sigma_mm)]
+        facts.append(Fact("the target's sag", ", ".join(parts), "across columns, across rows, ± 1σ"))
+    if free is not None:
+        off, flat = (plain(v, digits=2) for v in (free.out_of_plane_rms_mm, free.in_plane_rms_mm))
+        text = f"{off} mm out of its plane, {flat} mm in it"
+        facts.append(Fact("the target's points", text, f"RMS; most {plain(free.largest_mm, digits=2)} mm"))
+    return facts
 
 
 def _tables(result: CalibrationResult) -> list[TextTable]:
@@ -33,4 +47,4 @@ def _pixels(value: float | None) -> str:
     return "–" if value is None else plain(value, digits=3)
 
 
-KIND = Kind("Camera calibration", _headline, focal_known, tables=_tables)
+KIND = Kind("Camera calibration", _headline, focal_known, _facts, tables=_tables)

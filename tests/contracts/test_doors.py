@@ -106,6 +106,15 @@ def test_a_name_for_the_only_camera_changes_nothing(files: Files) -> None:
     assert content(result_text(named)) == content(result_text(plain))
 
 
+def test_another_name_of_the_only_camera_changes_no_more_than_its_name(files: Files) -> None:
+    plain = cb.hand_eye(images=files.images, poses=files.poses, target=TARGET)
+    named = cb.hand_eye(images={"left": files.images}, poses=files.poses, target=TARGET)
+    assert [(c.name, c.status) for c in named.checks] == [(c.name, c.status) for c in plain.checks]
+    assert named.verdict == plain.verdict
+    assert (named.rms_px, named.sigma_px) == (plain.rms_px, plain.sigma_px)
+    assert np.array_equal(named.transform("gripper", "left").matrix, plain.transform("gripper", "camera").matrix)
+
+
 def test_python_is_as_strict_as_the_command(files: Files, tmp_path: Path) -> None:
     with pytest.raises(cb.InputError, match="no images were given"):
         cb.intrinsics(target=TARGET)
@@ -147,11 +156,7 @@ assert not changed, changed
     assert done.returncode == 0, done.stderr
 
 
-EXAMPLES_OWED = ("Pictures", "calibrate_hand_eye", "calibrate_several")
-"""Their examples come with the one pipeline of all cells."""
-
-
-@pytest.mark.parametrize("name", [n for n in cb.__all__ if n not in EXAMPLES_OWED and n != "__version__"])
+@pytest.mark.parametrize("name", [n for n in cb.__all__ if n != "__version__"])
 def test_every_public_name_has_an_example(name: str) -> None:
     documentation = inspect.getdoc(getattr(cb, name)) or ""
     assert any(sign in documentation for sign in (">>> ", "Example::")), f"cb.{name} shows no example"

@@ -146,8 +146,9 @@ def _read_one(names: Names, common: ListRequest, camera: str, robot: str, *, joi
     notation = diagnosis.poses.notation
     pictures = None
     if data.observations is not None:
-        views = tuple(replace(v, moment=moments[v.id]) for v in data.observations.views)
-        seen = replace(data.observations, views=views)
+        # A cell of several lists numbers its boards by what all of them say.
+        numbered = diagnosis.numbered(data.observations) if names.plain else data.observations
+        seen = replace(numbered, views=tuple(replace(v, moment=moments[v.id]) for v in numbered.views))
         pictures = Pictures(camera, diagnosis.poses.setup, seen, name, names.target_name(camera))
     return ReadList(
         words,

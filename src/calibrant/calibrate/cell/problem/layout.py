@@ -39,7 +39,12 @@ ONLY_ROBOT, TARGET = "robot", "target"
 @dataclass(frozen=True, eq=False)
 class TargetPoses:
     """Target poses that were measured elsewhere, in place of images: ids (n,) of the robot's poses they belong to, and
-    T_camera_target (n, 4, 4), metres."""
+    T_camera_target (n, 4, 4), metres.
+
+        >>> import calibrant as cb, numpy as np
+        >>> cb.TargetPoses(("0", "1"), np.stack([np.eye(4)] * 2)).T_camera_target.shape
+        (2, 4, 4)
+    """
 
     ids: tuple[str, ...]
     T_camera_target: Array
@@ -60,6 +65,11 @@ class Pictures:
     setup: eye-in-hand (the robot carries the camera), eye-to-hand (it carries the target), standing (neither: camera
     and target stand beside the robot, which takes no part), hand-to-hand (it carries the camera, and robot `other` the
     target: a view's moment is the id of a pose of each). target: name of the target, where there are several.
+
+    Example::
+
+        left = cb.Pictures("left", "eye-in-hand", observations_of_left)
+        result = cb.calibrate_cell(robot_poses, [left, cb.Pictures("top", "eye-to-hand", observations_of_top)])
     """
 
     camera: str

@@ -11,7 +11,11 @@ import cv2
 import numpy as np
 import pytest
 
+from calibrant.cameras import Camera
+from calibrant.data import CalibrationResult
+from calibrant.geometry import so3
 from calibrant.simulate.cell import make_cell, photograph
+from calibrant.simulate.manhattan import render_room, room
 from calibrant.simulate.render import render
 from calibrant.simulate.scenes import hand_eye_scene, intrinsics_scene, look_at_board, standard_camera
 from calibrant.targets.registry import parse_target
@@ -49,20 +53,32 @@ def first_set(folder: Path) -> dict[str, Any]:
 
 
 def one_view(folder: Path) -> dict[str, Any]:
-    """A camera, and points that it saw in one photo of a tilted board."""
+    """Points that a camera saw in one photo of a tilted board."""
     scene = intrinsics_scene(1, seed=4, sigma_px=0.05)
     view = scene.observations.views[0]
-    return {"camera": scene.camera, "observations": scene.observations, "points": view.points, "uv": view.uv}
+    return {"points": view.points, "uv": view.uv}
+
+
+def photo_of_a_board(folder: Path) -> dict[str, Any]:
+    """photo.png of a board, and camera.json."""
+    board, camera, rng = parse_target(BOARD), standard_camera(), np.random.default_rng(2)
+    (T,) = look_at_board(camera, board.points, 1, rng=rng, distance=(0.3, 0.4))
+    cv2.imwrite(f"{folder}/photo.png", render(board.artwork(), camera, T, rng=rng))
+    save(camera, folder)
+    return {}
 
 
 def photo_of_a_room(folder: Path) -> dict[str, Any]:
-    """A grey picture of a room with edges along three directions, and its camera."""
-    from calibrant.geometry import so3
-    from calibrant.simulate.manhattan import render_room, room
-
+    """street.jpg, of a room with edges along three directions, and camera.json."""
     rng, camera = np.random.default_rng(0), standard_camera()
     grey = render_room(room(rng), camera, so3.exp([0.2, 0.4, 0.05]), rng=rng)
-    return {"camera": camera, "grey": grey}
+    cv2.imwrite(f"{folder}/street.jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, 98])
+    save(camera, folder)
+    return {}
+
+
+def save(camera: Camera, folder: Path) -> None:
+    CalibrationResult("intrinsics", "ok", cameras={"camera": camera}).write(folder / "camera.json")
 
 
 def any_photo(folder: Path) -> dict[str, Any]:
@@ -74,7 +90,7 @@ GIVEN: dict[str, Callable[[Path], dict[str, Any]]] = {
     "camera-models.md": any_photo,
     "classical-methods.md": one_view,
     "first-hand-eye.md": first_set,
-    "pose.md": one_view,
+    "pose.md": photo_of_a_board,
     "vanishing.md": photo_of_a_room,
 }
 

@@ -99,13 +99,6 @@ OWED = frozenset(
     {
         "undistort",
         "study methods",
-        "kinematics",
-        "next-pose",
-        "time-offset",
-        "dynamic",
-        "tool touch",
-        "tool seen",
-        "tool self-visibility",
     }
 )
 """Commands whose line is still to be written. None is added."""

@@ -14,7 +14,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.contracts.doors import CASES, OWED, TARGET, Files, Options, make_files
+from tests.contracts.doors import CASES as CELL_CASES
+from tests.contracts.doors import OWED, TARGET, Files, Options, make_files
+from tests.contracts.doors_robots import ROBOT_CASES
 
 import calibrant as cb
 from calibrant.cli.application import run
@@ -25,6 +27,7 @@ from calibrant.tasks.registry import TASKS
 from calibrant.tasks.signatures import STUB, stub
 from calibrant.tasks.verbs import VERBS, verb
 
+CASES = {**CELL_CASES, **ROBOT_CASES}
 VERB_OF = {name: own for own, name in VERBS.items()}
 WITH_RESULT = [name for name, entry in TASKS.items() if "json" in entry.outputs]
 """Commands that give a result of their own: the others give documents, or show what another gave."""

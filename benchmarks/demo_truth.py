@@ -58,7 +58,7 @@ def run_rendered(seed: int, setup: Setup, views: int) -> tuple[TransformTruth, P
 
     with tempfile.TemporaryDirectory() as folder:
         outcome = run_demo(Path(folder) / "demo", seed=seed, views=views, setup=setup)
-    return outcome.camera_truth, outcome.tool_point
+    return outcome.compared.camera_truth, outcome.compared.tool_point
 
 
 def run_trial(seed: int, *, setup: Setup, views: int, render: bool) -> Trial:

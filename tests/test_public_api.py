@@ -16,7 +16,7 @@ from calibrant.simulate.scenes import hand_eye_scene, intrinsics_scene
 def test_the_import_loads_nothing_heavy() -> None:
     code = (
         "import sys, calibrant\n"
-        "heavy = ('numpy', 'scipy', 'numba', 'cv2', 'matplotlib', 'pydantic', 'rich', 'typer')\n"
+        "heavy = ('numpy', 'scipy', 'numba', 'cv2', 'matplotlib', 'pydantic', 'rich', 'cyclopts')\n"
         "print([m for m in heavy if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)

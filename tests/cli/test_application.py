@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from calibrant.cli.command import Command, values_of
-from calibrant.cli.legacy import spread
+from calibrant.cli.command import Command, parse
 
 COMMANDS = ["demo", "target", "detect", "intrinsics", "hand-eye", "report"]
 
@@ -65,11 +65,12 @@ def test_the_traceback_only_with_debug(tmp_path: Path) -> None:
     ("given", "expected"),
     [
         ("hand-eye --images a b --poses p", "hand-eye --images a --images b --poses p"),
-        ("hand-eye -i a b", "hand-eye -i a -i b"),
+        ("hand-eye -i a b --poses p", "hand-eye -i a -i b --poses p"),
     ],
 )
 def test_values_up_to_the_next_option_are_spread(given: str, expected: str) -> None:
-    assert spread(given.split()) == expected.split()
+    requests = [parse(Command.of("hand-eye"), words.split()[1:]).request for words in (given, expected)]
+    assert requests[0] == requests[1]
 
 
 @pytest.mark.parametrize(

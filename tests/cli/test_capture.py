@@ -11,17 +11,29 @@ import numpy as np
 import pytest
 
 from calibrant.cli.application import run
+from calibrant.tasks.listener import Listener
+
+
+class Heard(Listener):
+    """Keeps every note."""
+
+    def __init__(self) -> None:
+        self.notes: list[str] = []
+
+    def note(self, text: str) -> None:
+        self.notes.append(text)
 
 
 def test_a_folder_plays_the_camera(
-    shared_data: Callable[[str], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    shared_data: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    heard = Heard()
+    monkeypatch.setattr("calibrant.cli.progress.listener", lambda *, silent: heard)
     photos = str(shared_data("opencv_stereo_9x6") / "left*.jpg")
     out, to = tmp_path / "camera.json", tmp_path / "kept"
     words = ["capture", "--camera", photos, "--target", "chessboard:9x6:25mm", "--to", str(to), "--out", str(out)]
     assert run([*words, "--until", "2px"]) == 0
-    said = capsys.readouterr().out
-    assert "next: " in said
+    assert "next: " in "\n".join(heard.notes)
     result = json.loads(out.read_text())
     sigma = result["cameras"]["camera"]["sigma"]
     # It stops as soon as it may, and not before the camera is known as asked.

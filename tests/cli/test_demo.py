@@ -7,32 +7,27 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-import typer
-from typer.testing import CliRunner, Result
+from tests.cli.conftest import Outcome
 
-from calibrant.cli.demo import demo
 from calibrant.data.result_file import read_result
-from calibrant.errors import InputError
 
 VIEWS = "8"
 
 
 @pytest.fixture(scope="module")
-def run() -> Callable[..., Result]:
-    app = typer.Typer()
-    app.command()(demo)
-    return lambda *arguments: CliRunner().invoke(app, [str(a) for a in arguments], catch_exceptions=False)
+def run(calibrant: Callable[..., Outcome]) -> Callable[..., Outcome]:
+    return lambda *arguments: calibrant("demo", *arguments)
 
 
 @pytest.fixture(scope="module")
-def finished(run: Callable[..., Result], tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Result]:
+def finished(run: Callable[..., Outcome], tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Outcome]:
     folder = tmp_path_factory.mktemp("demo") / "out"
     return folder, run("--seed", 5, "--views", VIEWS, "--out", folder)
 
 
-def test_it_writes_what_a_user_would_have(finished: tuple[Path, Result]) -> None:
+def test_it_writes_what_a_user_would_have(finished: tuple[Path, Outcome]) -> None:
     folder, result = finished
-    assert result.exit_code == 0
+    assert (result.status, result.err) == (0, "")
     assert len(list((folder / "images").glob("*.png"))) == int(VIEWS)
     assert read_result(folder / "camera.json").kind == "intrinsics"
     hand_eye = read_result(folder / "hand-eye.json")
@@ -41,19 +36,19 @@ def test_it_writes_what_a_user_would_have(finished: tuple[Path, Result]) -> None
     assert json.loads((folder / "truth.json").read_text())["seed"] == 5
 
 
-def test_it_ends_with_the_truth_beside_the_prediction(finished: tuple[Path, Result]) -> None:
+def test_it_ends_with_the_truth_beside_the_prediction(finished: tuple[Path, Outcome]) -> None:
     _, result = finished
     for words in ("Against the truth", "predicted 1σ", "T_gripper_camera is off by", "region", "Tool point"):
-        assert words in result.stdout
-    assert "calibrant hand-eye --images" in result.stdout
+        assert words in result.out
+    assert "calibrant hand-eye --images" in result.out
 
 
 def test_again_with_fewer_views_leaves_no_old_picture(
-    finished: tuple[Path, Result], run: Callable[..., Result]
+    finished: tuple[Path, Outcome], run: Callable[..., Outcome]
 ) -> None:
     folder, _ = finished
     result = run("--seed", 6, "--views", "6", "--setup", "eye-to-hand", "--out", folder, "--json")
-    data = json.loads(result.stdout)
+    data = json.loads(result.out)
     assert data["format"] == "calibrant/2"
     assert data["transforms"][0]["parent"] == "base"
     truth = data["truth"]
@@ -64,10 +59,12 @@ def test_again_with_fewer_views_leaves_no_old_picture(
     assert len(list((folder / "images").glob("*.png"))) == 6
 
 
-def test_a_folder_of_the_users_is_left_alone(tmp_path: Path, run: Callable[..., Result]) -> None:
+def test_a_folder_of_the_users_is_left_alone(tmp_path: Path, run: Callable[..., Outcome]) -> None:
     (tmp_path / "thesis.txt").write_text("mine")
-    with pytest.raises(InputError, match="no demo wrote it"):
-        run("--out", tmp_path)
+    outcome = run("--out", tmp_path)
+    assert outcome.status == 2
+    assert "no demo wrote it" in outcome.err
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.txt"]
-    with pytest.raises(InputError, match="is a file"):
-        run("--out", tmp_path / "thesis.txt")
+    outcome = run("--out", tmp_path / "thesis.txt")
+    assert outcome.status == 2
+    assert "is a file" in outcome.err

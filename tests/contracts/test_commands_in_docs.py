@@ -8,14 +8,10 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-import typer
 
-from calibrant.cli.application import LEGACY
 from calibrant.cli.command import Command
-from calibrant.cli.legacy import application
 from calibrant.tasks.registry import TASKS
 
-app = application(LEGACY)
 DOCS = Path(__file__).parents[2] / "docs"
 LINE = re.compile(r"^(?: {4})?(calibrant [a-z].*)$", re.MULTILINE)
 
@@ -23,12 +19,7 @@ LINE = re.compile(r"^(?: {4})?(calibrant [a-z].*)$", re.MULTILINE)
 @cache
 def commands() -> dict[tuple[str, ...], set[str]]:
     """The options of every command by its words, ("tool", "touch")."""
-    out = {tuple(name.split()): Command.of(name).flags for name in TASKS}
-    for name, command in typer.main.get_command(app).commands.items():  # type: ignore[attr-defined]
-        below = getattr(command, "commands", None)
-        found = {(name,): command} if below is None else {(name, n): c for n, c in below.items()}
-        out |= {key: {o for p in c.params for o in (*p.opts, *p.secondary_opts)} for key, c in found.items()}
-    return out
+    return {tuple(name.split()): Command.of(name).flags for name in TASKS}
 
 
 def lines() -> list[tuple[str, list[str]]]:

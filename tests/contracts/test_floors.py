@@ -65,18 +65,7 @@ UPWARD = {("data/results.py", "calibrant.reports.speech")}
 
 LAZY = ("numba", "cv2", "scipy.optimize", "matplotlib", "mujoco", "rich", "jinja2", "pydantic")
 
-FILES = sorted(
-    PACKAGE.rglob(
-        "*.py",
-    )
-)
-
-BELOW_THE_SKIN = pytest.mark.xfail(reason="this work still uses the command line's session, to be handed a listener")
-OWED = {
-    *("cli/capture.py", "cli/options.py", "cli/session.py"),
-}
-"""Files of tasks that still import `cli`, and of `cli` that do a task's work. None is added; the list goes when every
-command is a task."""
+FILES = sorted(PACKAGE.rglob("*.py"))
 
 
 def package_of(file: Path) -> str:
@@ -152,15 +141,7 @@ def both_ground(here: str, other: str) -> bool:
     return (other == "errors" and here != "errors") or (other == "cancel" and here not in ("errors", "cancel"))
 
 
-def owed(file: Path) -> bool:
-    return file.relative_to(PACKAGE).as_posix() in OWED
-
-
-@pytest.mark.parametrize(
-    "file",
-    [pytest.param(f, marks=BELOW_THE_SKIN) if owed(f) else f for f in FILES],
-    ids=lambda f: str(f.relative_to(PACKAGE)),
-)
+@pytest.mark.parametrize("file", FILES, ids=lambda f: str(f.relative_to(PACKAGE)))
 def test_imports_go_down(file: Path) -> None:
     assert violations(file.read_text(encoding="utf-8"), file) == []
 

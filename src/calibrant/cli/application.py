@@ -17,11 +17,6 @@ from calibrant.tasks.registry import GROUPS, TASKS
 
 ABOUT = "Calibrate cameras and robots, and prove it: from photos and robot poses to millimetres one can trust."
 HELP = ("--help", "-h")
-LEGACY = {
-    "demo": "The whole chain on a simulated robot cell.",
-    "capture": "Take views from a running camera until it is known.",
-}
-"""Commands that are no tasks yet; each leaves this list when it becomes one."""
 ORDER = (
     *("demo", "target", "detect", "capture", "intrinsics", "hand-eye", "pose", "doctor", "kinematics", "next-pose"),
     *("time-offset", "dynamic", "vanishing", "undistort", "report", "tool", "study"),
@@ -54,10 +49,6 @@ def _answered(given: list[str]) -> int:
     rest = given[len(name.split()) :]
     if name in TASKS:
         return _work(Command.of(name), rest)
-    if name in LEGACY:
-        from calibrant.cli.legacy import run_legacy
-
-        return run_legacy(given)
     if name in GROUPS:
         if rest and rest[0] not in HELP:
             raise UsageError(f"No such command '{name} {rest[0]}'. See calibrant {name} --help.")
@@ -85,7 +76,7 @@ def _listed(prefix: str) -> list[tuple[str, str]]:
     if prefix:
         return [(name.removeprefix(prefix), entry.words) for name, entry in TASKS.items() if name.startswith(prefix)]
     single = {name: entry.words for name, entry in TASKS.items() if " " not in name}
-    every = {**LEGACY, **single, **GROUPS}
+    every = {**single, **GROUPS}
     return [(name, every[name]) for name in ORDER if name in every]
 
 

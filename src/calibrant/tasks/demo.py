@@ -1,56 +1,116 @@
-"""The demo's work: a simulated cell photographed, calibrated as a user would, and compared with its truth."""
+"""The whole chain on a simulated robot cell: photographed, calibrated as a user would, and compared with its truth.
+
+The pictures and poses go into the demo's own folder, since they are read from there; its results are documents.
+"""
 
 from __future__ import annotations
 
 import json
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
-import numpy as np
-from numpy.typing import NDArray
-from rich.console import Group, RenderableType
-from rich.table import Table
-from rich.text import Text
-
-from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics
-from calibrant.data import CalibrationResult
-from calibrant.data.result_encoding import encode
-from calibrant.data.result_file import write_result, write_text
 from calibrant.errors import InputError, RefusedError
-from calibrant.reports.html import write_report
-from calibrant.reports.parts.numbers import sigma_text, value_text
-from calibrant.simulate.cell import Cell, make_cell, photograph
-from calibrant.simulate.scenes import Setup
-from calibrant.simulate.truth import CONFIDENCE, PointTruth, TransformTruth, point_truth, transform_truth
 from calibrant.tasks.listener import SILENT, Listener
-from calibrant.tasks.robots.hand_eye import Request, run
+from calibrant.tasks.options.option import Option
+from calibrant.tasks.outcome import Answer, Document, Outcome
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from calibrant.data import CalibrationResult
+    from calibrant.reports.truth import Compared
+    from calibrant.simulate.cell import Cell
+    from calibrant.simulate.scenes import Setup
+
+EXAMPLE = 'cb.demo(seed=1, out="calibrant-demo")'
 
 MARK = "truth.json"
 """The file by which a demo knows a folder that it wrote itself, and may therefore write again."""
+RESULTS = ("camera.json", "hand-eye.json", "report.html")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """Calibrate a simulated robot cell, with no hardware and no files.
+
+    calibrant demo [--seed N] [--out DIR] [--views N] [--setup eye-in-hand|eye-to-hand]
+
+    A camera on a simulated UR5e photographs a ChArUco board; pictures and robot poses go to DIR. Then everything runs
+    as on your own data: find the board, calibrate the camera, calibrate hand and eye, write results and report. At the
+    end each figure stands beside its predicted uncertainty and beside the truth, which only a simulation knows.
+    """
+
+    seed: Annotated[int, Option("N")] = 0
+    """Which cell to simulate: mounting, views, noise."""
+    out: Annotated[Path, Option("DIR")] = Path("calibrant-demo")
+    """Folder to write; one that an earlier demo wrote is replaced."""
+    views: Annotated[int, Option("N")] = 20
+    """How many pictures the robot takes, 5 to 200."""
+    setup: Annotated[str, Option("eye-in-hand|eye-to-hand")] = "eye-in-hand"
+    """Camera on the gripper, or beside the robot."""
 
 
 @dataclass(frozen=True, eq=False)
-class DemoOutcome:
-    """What came out: the cell with its truth, both results, the comparison, the files, the time each step took."""
+class Demo:
+    """What came out: both results, the comparison with the truth, the inputs' places, the time each step took."""
 
-    cell: Cell
     intrinsics: CalibrationResult
-    hand_eye: CalibrationResult
-    camera_truth: TransformTruth
-    target_truth: TransformTruth
-    tool_point: PointTruth
-    files: dict[str, Path]
+    compared: Compared
+    images: Path
+    poses: Path
     seconds: dict[str, float]
 
 
-def run_demo(folder: Path, *, seed: int, views: int, setup: Setup, listener: Listener = SILENT) -> DemoOutcome:
-    """Photograph a cell into `folder` and calibrate it from these files alone, as `calibrant hand-eye` does.
+def run(request: Request, listener: Listener = SILENT) -> Outcome:
+    """The hand-eye result of the cell, its files and its comparison with the truth.
 
     Raises: InputError when the folder holds something that no demo wrote, or cannot be written; RefusedError when the
     calibration refuses its data.
     """
+    from calibrant.data.result_encoding import format_json
+
+    setup = _checked(request)
+    done = run_demo(request.out, seed=request.seed, views=request.views, setup=setup, listener=listener)
+    found = done.compared.hand_eye
+    return Outcome(
+        answer=Answer(found, lambda: format_json(result_json(done))),
+        documents=(
+            Document(request.out / RESULTS[0], partial(_file_text, done.intrinsics)),
+            Document(request.out / RESULTS[1], partial(_file_text, found)),
+            Document(request.out / RESULTS[2], partial(_page_text, found)),
+        ),
+        summary=partial(_said, done, request.out),
+    )
+
+
+def _checked(request: Request) -> Setup:
+    """The setup. Raises: InputError for an option out of range."""
+    from calibrant.simulate.scenes import Setup
+
+    if request.seed < 0:
+        raise InputError(f"--seed {request.seed}: take 0 or more")
+    if not 5 <= request.views <= 200:
+        raise InputError(f"--views {request.views}: the robot takes 5 to 200 pictures")
+    for setup in get_args(Setup):
+        if setup == request.setup:
+            return setup
+    raise InputError(f"--setup is {' or '.join(get_args(Setup))}, got {request.setup!r}")
+
+
+def run_demo(folder: Path, *, seed: int, views: int, setup: Setup, listener: Listener = SILENT) -> Demo:
+    """Photograph a cell into `folder` and calibrate it from these files alone, as `calibrant hand-eye` does.
+
+    Raises: as `run`.
+    """
+    from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics
+    from calibrant.data.result_file import write_text
+    from calibrant.reports.truth import compared
+    from calibrant.simulate.cell import make_cell, photograph
+    from calibrant.tasks.robots import hand_eye as task
+
     cell = make_cell(seed, setup=setup, views=views)
     _claim(folder)
     clock = _Clock()
@@ -58,44 +118,19 @@ def run_demo(folder: Path, *, seed: int, views: int, setup: Setup, listener: Lis
     with listener.progress("Photographing the board") as step:
         images, poses = photograph(cell, folder, progress=lambda done, total: step(done, total, ""))
     clock.lap("photograph")
-    request = Request(poses=(str(poses),), images=(str(images[0].parent),), target=(cell.target.spec,), setup=(setup,))
-    hand_eye = run(request, listener).result
+    request = task.Request(
+        poses=(str(poses),), images=(str(images[0].parent),), target=(cell.target.spec,), setup=(setup,)
+    )
+    found = task.run(request, listener).result
     clock.lap("detect and calibrate")
-    if hand_eye is None or hand_eye.observations is None or len(hand_eye.transforms) != 2:
+    if found is None or found.observations is None or len(found.transforms) != 2:
         raise RefusedError(
             "the calibration of the simulated cell gave no transforms; run again with --debug, report it"
         )
-    intrinsics = calibrate_intrinsics(hand_eye.observations)
-    files = {
-        "images": images[0].parent,
-        "robot poses": poses,
-        "camera": write_result(intrinsics, folder / "camera.json", force=True),
-        "hand-eye": write_result(hand_eye, folder / "hand-eye.json", force=True),
-        "report": write_report(hand_eye, folder / "report.html", force=True),
-    }
-    clock.lap("report")
-    return _compared(cell, intrinsics, hand_eye, files, clock.laps)
-
-
-def _compared(
-    cell: Cell,
-    intrinsics: CalibrationResult,
-    hand_eye: CalibrationResult,
-    files: dict[str, Path],
-    laps: dict[str, float],
-) -> DemoOutcome:
-    X_name, Z_name = _names(cell.setup)
-    camera_estimate, target_estimate = (hand_eye.transform(*name.split("_")[1:]) for name in (X_name, Z_name))
-    return DemoOutcome(
-        cell,
-        intrinsics,
-        hand_eye,
-        transform_truth(camera_estimate, cell.X),
-        transform_truth(target_estimate, cell.Z),
-        point_truth(camera_estimate, cell.X, cell.workpiece),
-        files,
-        laps,
-    )
+    with listener.status("Calibrating the camera by itself …"):
+        intrinsics = calibrate_intrinsics(found.observations)
+    clock.lap("camera")
+    return Demo(intrinsics, compared(cell, found), images[0].parent, poses, clock.laps)
 
 
 class _Clock:
@@ -121,14 +156,17 @@ def _claim(folder: Path) -> None:
         )
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for old in (folder / "images").glob("[0-9]*.png"):
-            old.unlink()  # an earlier demo with more views would leave pictures without a pose
+        # An earlier demo's results are not this one's, and with more views it would leave pictures without a pose.
+        for old in (*(folder / "images").glob("[0-9]*.png"), *(folder / name for name in RESULTS)):
+            old.unlink(missing_ok=True)
     except OSError as error:
         raise InputError(f"cannot write to {folder}: {error.strerror}; choose another folder with --out") from error
 
 
 def _truth_text(cell: Cell) -> str:
-    X_name, Z_name = _names(cell.setup)
+    from calibrant.reports.truth import truth_names
+
+    X_name, Z_name = truth_names(cell.setup)
     truth = {
         "seed": cell.seed,
         "setup": cell.setup,
@@ -140,16 +178,26 @@ def _truth_text(cell: Cell) -> str:
     return json.dumps(truth, indent=1) + "\n"
 
 
-def _names(setup: Setup) -> tuple[str, str]:
-    """Names of X and Z."""
-    return ("T_gripper_camera", "T_base_target") if setup == "eye-in-hand" else ("T_base_camera", "T_gripper_target")
+def _file_text(result: CalibrationResult) -> bytes:
+    from calibrant.data.result_file import result_text
+
+    return (result_text(result) + "\n").encode()
 
 
-def result_json(outcome: DemoOutcome) -> dict[str, Any]:
+def _page_text(result: CalibrationResult) -> bytes:
+    from calibrant.reports.html import report_page
+
+    return report_page(result).encode()
+
+
+def result_json(outcome: Demo) -> dict[str, Any]:
     """The hand-eye result in the format of result files, with the comparison under `truth`."""
-    camera, point = outcome.camera_truth, outcome.tool_point
+    from calibrant.data.result_encoding import encode
+
+    at = outcome.compared
+    camera, point = at.camera_truth, at.tool_point
     truth = {
-        "matrix": outcome.cell.X.tolist(),
+        "matrix": at.cell.X.tolist(),
         "error_translation_mm": camera.translation_mm,
         "error_rotation_deg": camera.rotation_deg,
         "normalised_error": camera.normalised,
@@ -157,63 +205,29 @@ def result_json(outcome: DemoOutcome) -> dict[str, Any]:
         "inside": camera.inside,
         "tool_point_error_mm": point.error_mm,
         "tool_point_sigma_mm": point.sigma_mm,
-        "camera": outcome.cell.camera.parameters,
+        "camera": at.cell.camera.parameters,
         "seconds": outcome.seconds,
     }
-    return {**encode(outcome.hand_eye), "truth": truth}
+    return {**encode(at.hand_eye), "truth": truth}
 
 
-def comparison(outcome: DemoOutcome) -> RenderableType:
-    """Error beside predicted error, parameter by parameter, and whether the truth lies where it was promised."""
-    X_name, Z_name = _names(outcome.cell.setup)
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
-    table.add_column("")
-    for heading in ("truth", "found", "error", "predicted 1σ", "error / σ"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("unit")
-    _camera_rows(table, outcome)
-    _transform_rows(table, X_name, outcome.cell.X, outcome.camera_truth)
-    _transform_rows(table, Z_name, outcome.cell.Z, outcome.target_truth)
-    return Group(Text("Against the truth", style="bold"), table, Text(), _verdict(outcome))
+def _said(done: Demo, folder: Path) -> RenderableType:
+    """Summary of the result, the comparison, the inputs' places, and the command that repeats the calibration."""
+    from rich.console import Group
+    from rich.text import Text
 
+    from calibrant.reports.terminal import summary
+    from calibrant.reports.truth import comparison
 
-def _camera_rows(table: Table, outcome: DemoOutcome) -> None:
-    found, truth = outcome.hand_eye.camera, outcome.cell.camera.parameters
-    table.add_row(Text("camera", style="bold"))
-    for name, unit in zip(found.model.parameter_names, found.model.parameter_units):
-        error = found.parameters[name] - truth[name]
-        _row(table, f"  {name}", truth[name], error, found.sigma[name], "" if unit == "1" else unit)
-
-
-def _transform_rows(table: Table, name: str, T_true: NDArray[np.float64], truth: TransformTruth) -> None:
-    table.add_row(Text(name, style="bold"))
-    for i, axis in enumerate("xyz"):
-        # The comparison is truth minus estimate; a table of errors says estimate minus truth.
-        _row(table, f"  {axis}", 1e3 * T_true[i, 3], -1e3 * truth.error[3 + i], 1e3 * truth.sigma[3 + i], "mm")
-    for i, axis in enumerate("xyz"):
-        error, sigma = (float(np.rad2deg(v)) for v in (-truth.error[i], truth.sigma[i]))
-        _row(table, f"  about {axis}", None, error, sigma, "deg")
-
-
-def _row(table: Table, name: str, truth: float | None, error: float, sigma: float, unit: str) -> None:
-    absolute = ("", "") if truth is None else (value_text(truth, sigma), value_text(truth + error, sigma))
-    table.add_row(name, *absolute, value_text(error, sigma), sigma_text(sigma), f"{error / sigma:+.1f}", unit)
-
-
-def _verdict(outcome: DemoOutcome) -> Text:
-    camera, point = outcome.camera_truth, outcome.tool_point
-    X_name, _ = _names(outcome.cell.setup)
-    distance = 1e3 * float(outcome.cell.workpiece[2])
-    where = "inside" if camera.inside else "OUTSIDE"
-    text = Text()
-    text.append(f"{X_name} is off by {camera.translation_mm:.2f} mm and {camera.rotation_deg:.3f} deg. ")
-    text.append(
-        f"The truth lies {where} the predicted {100 * CONFIDENCE:.0f} % region "
-        f"(normalised error {camera.normalised:.1f}, limit {camera.limit:.1f}).\n",
-        style="bold green" if camera.inside else "bold red",
+    cell = done.compared.cell
+    inputs = f"--images {done.images} --poses {done.poses} --target {cell.target.spec}"
+    repeat = Text(f"\nThe same from the files alone:\n  calibrant hand-eye {inputs} --setup {cell.setup}")
+    repeat.no_wrap, repeat.overflow = True, "ignore"
+    return Group(
+        summary(done.compared.hand_eye),
+        Text(),
+        comparison(done.compared),
+        Text(f"images       {done.images}\nrobot poses  {done.poses}"),
+        repeat,
+        Text(f"Took {sum(done.seconds.values()):.0f} s."),
     )
-    text.append(
-        f"Tool point: a workpiece {distance:.0f} mm in front of the camera is placed {point.error_mm:.2f} mm off; "
-        f"predicted {point.sigma_mm:.2f} mm RMS.\n"
-    )
-    return text

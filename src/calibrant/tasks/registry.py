@@ -39,6 +39,8 @@ class Entry:
 
 
 TASKS = {
+    "demo": Entry("demo", "The whole chain on a simulated robot cell.", ("json",)),
+    "capture": Entry("boards.capture", "Take views from a running camera until it is known."),
     "target": Entry("boards.target", "Print a board at true size.", ()),
     "detect": Entry(
         "boards.detect", "Find a board in photos.", ("out", "json"), "Write the observations file (JSON) here."

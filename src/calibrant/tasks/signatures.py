@@ -47,7 +47,7 @@ def _declared(verb: str, name: str) -> str:
 
 def _literal(value: object) -> str:
     """A default as Python text, in double quotes."""
-    return f'"{value}"' if isinstance(value, str) else repr(value)
+    return f'"{value}"' if isinstance(value, str | Path) else repr(value)
 
 
 if __name__ == "__main__":

@@ -14,6 +14,22 @@ VERBS: dict[str, str]
 def verb(name: str) -> Callable[..., CalibrationResult | None]: ...
 def signature_of(task: Task) -> Any: ...
 def documentation(name: str, entry: Entry, task: Task) -> str: ...
+def demo(
+    *,
+    seed: int = 0,
+    out: str | Path = "calibrant-demo",
+    views: int = 20,
+    setup: str = "eye-in-hand",
+) -> CalibrationResult: ...
+def capture(
+    *,
+    camera: str,
+    target: str,
+    to: str | Path | None = None,
+    until: str = "1px",
+    model: str = "brown",
+    force: bool = False,
+) -> CalibrationResult: ...
 def target(
     spec: str,
     *,

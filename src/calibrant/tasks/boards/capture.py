@@ -1,20 +1,25 @@
-"""calibrant capture: views of a board from a running camera, taken by themselves until the camera is known."""
+"""Views of a board from a running camera, taken by themselves until the camera is known."""
 
 from __future__ import annotations
 
-import sys
 from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from calibrant.cli import options as o
+from calibrant.cancel import checkpoint
 from calibrant.errors import InputError, RefusedError
+from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.option import Option
+from calibrant.tasks.options.words import pixels
+from calibrant.tasks.outcome import Document, Outcome
 
 if TYPE_CHECKING:
     from calibrant.data import CalibrationResult, Observations, View
-    from calibrant.detection.live import Session
+    from calibrant.detection.live import Frame, Session
+
+EXAMPLE = 'cb.capture(camera="0", target="chessboard:9x6:25mm", until="0.5px", to="photos")'
 
 LEAST_VIEWS = 6
 """Views before the first calibration: with fewer, sigma says little."""
@@ -31,89 +36,112 @@ ADVICE = {
 """Reasons of `Session.look`: how many frames there were of them, in words, and what to do."""
 
 
-def capture(
-    camera: Annotated[
-        str, typer.Option("--camera", metavar="N", help="The camera's number; or a video file or folder that plays it.")
-    ],
-    target: Annotated[str, typer.Option("--target", "-t", metavar="SPEC", help="The board.", show_default=False)],
-    to: Annotated[
-        Path | None,
-        typer.Option("--to", metavar="DIR", help="Keep the pictures taken in this new folder.", show_default=False),
-    ] = None,
-    until: Annotated[
-        str, typer.Option("--until", metavar="SIGMA", help="Stop when fx, fy, cx and cy are known to this (1 sigma).")
-    ] = "1px",
-    model: o.Model = "brown",
-    out: o.Out = None,
-    report: o.Report = None,
-    json: o.Json = False,
-    quiet: o.Quiet = False,
-    force: o.Force = False,
-    debug: o.Debug = False,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class Request:
     """Take views of a board from a running camera, until the camera is known well enough.
 
     calibrant capture --camera 0 --target chessboard:9x6:25mm --until 0.5px --to photos --out camera.json
 
     Takes still and sharp views by itself; says how much of X, Y, size and skew is covered, and which view is missing.
+    Ctrl-C ends the taking, and what was taken is calibrated.
     """
-    from calibrant.cli import session
 
-    outputs = session.Outputs(out=out, report=report, json=json, quiet=quiet, force=force)
-    outputs.check()
-    goal = o.pixels(until, option="--until")
-    if to is not None and to.exists():
-        raise InputError(f"{to} exists already; give the pictures a new folder")
-    if to is not None and not to.parent.is_dir():
-        raise InputError(f"cannot make {to}: there is no folder {to.parent}; make it first")
-    session.finish(_run(camera, target, to, goal or 1.0, model, say=not (quiet or json)), outputs)
+    camera: Annotated[str, Option("N")]
+    """The camera's number; or a video file or folder that plays it."""
+    target: Annotated[str, Option("SPEC", "-t")]
+    """The board."""
+    to: Annotated[Path | None, Option("DIR", output="folder")] = None
+    """Keep the pictures taken in this new folder."""
+    until: Annotated[str, Option("SIGMA")] = "1px"
+    """Stop when fx, fy, cx and cy are known to this (1 sigma)."""
+    model: Annotated[str, Option("NAME")] = "brown"
+    """Camera model, as of intrinsics."""
 
 
-def _run(source: str, spec: str, to: Path | None, goal_px: float, model: str, *, say: bool) -> CalibrationResult:
-    from calibrant.data import Observations, View
+@dataclass(eq=False)
+class _Taken:
+    """What a session has taken so far: it grows while the camera runs."""
+
+    views: list[View] = field(default_factory=list)
+    pictures: list[Document] = field(default_factory=list)
+    passed: Counter[str] = field(default_factory=Counter)
+    size: tuple[int, int] = (0, 0)
+    result: CalibrationResult | None = None
+
+
+def run(request: Request, listener: Listener = SILENT) -> Outcome:
+    """The camera, and the pictures it was found from: these are kept even where the views do not suffice.
+
+    Raises: InputError for a camera, board or folder that cannot be used.
+    """
     from calibrant.detection.live import Session, frames_from
-    from calibrant.detection.registry import detector_for
-    from calibrant.opencv import cv2
     from calibrant.targets.registry import parse_target
 
-    board = parse_target(spec)
+    goal_px = pixels(request.until, option="--until") or 1.0
+    if request.to is not None and request.to.exists():
+        raise InputError(f"{request.to} exists already; give the pictures a new folder")
+    board = parse_target(request.target)
+    taken = _Taken()
+    state = start = Session(board)
+    try:
+        for state in _looked(frames_from(request.camera), start, taken, request):
+            taken.result = _so_far(taken, request)
+            worst = None if taken.result is None else _worst_sigma_px(taken.result)
+            listener.note(_line(taken.views[-1].id, len(taken.views), state, worst))
+            if worst is not None and worst <= goal_px:
+                break
+    except KeyboardInterrupt:  # a camera has no end of its own: this is how a person says that it is enough
+        listener.note("Stopped; calibrating from the views taken so far.")
+    try:
+        result = taken.result or _final(taken.views, taken.size, board.spec, request.model, state)
+    except RefusedError as error:
+        refused = RefusedError(f"{error}{_passed_over(taken.passed)}{_where(taken.views, request.to)}")
+        refused.result = error.result
+        return Outcome(documents=tuple(taken.pictures), refusal=refused)
+    return Outcome(result=result, documents=tuple(taken.pictures))
+
+
+def _looked(frames: Iterable[Frame], state: Session, taken: _Taken, request: Request) -> Iterator[Session]:
+    """The session after every view that was worth keeping; what it shows is added to `taken`."""
+    from calibrant.data import View
+    from calibrant.detection.registry import detector_for
+
+    board = state.target
     detector = detector_for(board.kind)
     row_of = {int(label): row for row, label in enumerate(board.point_ids)}
-    state, views = Session(board), list[View]()
-    result: CalibrationResult | None = None
-    size = (0, 0)
-    passed = Counter[str]()
-    for frame in frames_from(source):
+    for frame in frames:
+        checkpoint()
         detection = detector.detect(frame.grey, board)
         state, reason = state.look(frame, detection)
         if reason is not None:
-            passed[reason] += 1
+            taken.passed[reason] += 1
             continue
         rows = [row_of[int(label)] for label in detection.point_ids]
-        size = (frame.grey.shape[1], frame.grey.shape[0])
-        file = None if to is None else to / Path(frame.name).with_suffix(".png")
+        taken.size = (frame.grey.shape[1], frame.grey.shape[0])
+        file = None if request.to is None else request.to / Path(frame.name).with_suffix(".png")
         if file is not None:
-            file.parent.mkdir(exist_ok=True)
-            cv2.imwrite(str(file), frame.grey)
-        views.append(
+            taken.pictures.append(Document(file, _png(frame)))
+        taken.views.append(
             View(frame.name, board.points[rows], detection.uv, detection.point_ids, sigma_px=detection.sigma_px,
                  file=None if file is None else str(file))
         )  # fmt: skip
-        observations = Observations(tuple(views), {"camera": size}, board.spec)
-        result = _calibrated(observations, model) if len(views) >= LEAST_VIEWS else None
-        worst = None if result is None else _worst_sigma_px(result)
-        if say:
-            sys.stdout.write(_line(frame.name, len(views), state, worst) + "\n")
-        if worst is not None and worst <= goal_px:
-            break
-    if result is not None:
-        return result
-    try:
-        return _final(views, size, board.spec, model, state)
-    except RefusedError as error:
-        refused = RefusedError(f"{error}{_passed_over(passed)}{_where(views, to)}")
-        refused.result = error.result
-        raise refused from error
+        yield state
+
+
+def _png(frame: Frame) -> bytes:
+    """The picture, compressed at once: all are kept until the end."""
+    from calibrant.opencv import cv2
+
+    return bytes(cv2.imencode(".png", frame.grey)[1])
+
+
+def _so_far(taken: _Taken, request: Request) -> CalibrationResult | None:
+    """The calibration of the views taken; None with too few of them, or while they do not determine the camera."""
+    from calibrant.data import Observations
+
+    if len(taken.views) < LEAST_VIEWS:
+        return None
+    return _calibrated(Observations(tuple(taken.views), {"camera": taken.size}, request.target), request.model)
 
 
 def _final(views: list[View], size: tuple[int, int], spec: str, model: str, state: Session) -> CalibrationResult:

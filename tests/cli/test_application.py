@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from calibrant.cli.command import Command, values_of
-from calibrant.cli.command import Command, parse
+from calibrant.cli.command import Command, parse, values_of
 
 COMMANDS = ["demo", "target", "detect", "intrinsics", "hand-eye", "report"]
 

@@ -54,7 +54,7 @@ def run_points(seed: int, setup: Setup, views: int) -> tuple[TransformTruth, Poi
 
 def run_rendered(seed: int, setup: Setup, views: int) -> tuple[TransformTruth, PointTruth]:
     """From pictures, exactly as the demo does."""
-    from calibrant.tasks.demo import run_demo
+    from calibrant.tasks.demo.chain import run_demo
 
     with tempfile.TemporaryDirectory() as folder:
         outcome = run_demo(Path(folder) / "demo", seed=seed, views=views, setup=setup)

@@ -39,7 +39,7 @@ class Entry:
 
 
 TASKS = {
-    "demo": Entry("demo", "The whole chain on a simulated robot cell.", ("json",)),
+    "demo": Entry("demo.chain", "The whole chain on a simulated robot cell.", ("json",)),
     "capture": Entry("boards.capture", "Take views from a running camera until it is known."),
     "target": Entry("boards.target", "Print a board at true size.", ()),
     "detect": Entry(

@@ -34,11 +34,11 @@ Array = NDArray[np.float64]
 ALLOWED_S = {"views": 2.0, "camera": 2.0, "pairs": 2.0, "detect": 5.0}
 STAGES = {
     "read": ("calibrant.tasks.robots.hand_eye_list", "read"),
-    "search": ("calibrant.tasks.session", "detect_boards"),
+    "search": ("calibrant.tasks.inputs.session", "detect_boards"),
     "doctor": ("calibrant.tasks.robots.hand_eye_list", "diagnose"),
     "calibrate": ("calibrant.calibrate.cell.hand_eye", "calibrate_hand_eye"),
     "review": ("calibrant.diagnose.review", "review"),
-    "checksums": ("calibrant.tasks.session", "file_records"),
+    "checksums": ("calibrant.tasks.inputs.session", "file_records"),
     "summary": ("calibrant.reports.terminal", "summary"),
     "write": ("calibrant.data.results", "CalibrationResult.write"),
 }

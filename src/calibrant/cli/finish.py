@@ -44,7 +44,7 @@ def finish(outcome: Outcome, call: Call) -> None:
 def explained(error: RefusedError, call: Call) -> RefusedError:
     """A refused calibration writes no result, but its report, when asked for: it shows why."""
     from calibrant.data import CalibrationResult
-    from calibrant.tasks.session import with_misses
+    from calibrant.tasks.inputs.session import with_misses
 
     report = call.outputs.report
     if report is None or not isinstance(error.result, CalibrationResult):

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from calibrant.tasks import session
+from calibrant.tasks.inputs import session
 from calibrant.tasks.inputs.sources import Source
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.images import CornerOptions, PhotoOptions, SearchOptions

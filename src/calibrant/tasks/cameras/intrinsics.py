@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from calibrant.tasks import session
+from calibrant.tasks.inputs import session
 from calibrant.tasks.inputs.sources import Source
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.cameras import LensOptions

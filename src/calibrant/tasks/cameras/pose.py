@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.errors import InputError
-from calibrant.tasks import session
+from calibrant.tasks.inputs import session
 from calibrant.tasks.inputs.sources import Source
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.images import PhotoOptions, PointsOptions, SearchOptions

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from calibrant.cancel import checkpoint
 from calibrant.errors import InputError
-from calibrant.tasks import session
+from calibrant.tasks.inputs import session
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.option import Option
 from calibrant.tasks.options.words import pixels

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.errors import InputError
-from calibrant.tasks import session
+from calibrant.tasks.inputs import session
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.option import Option
 from calibrant.tasks.outcome import Document, Outcome

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from calibrant.errors import InputError, RefusedError
-from calibrant.tasks import session
+from calibrant.tasks.inputs import session
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.cameras import KnownCameraOptions, LensOptions
 from calibrant.tasks.options.images import NamedPhotoOptions, PointsOptions, SearchOptions

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
 from calibrant.errors import InputError
-from calibrant.tasks import session
+from calibrant.tasks.inputs import session
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.cameras import LensOptions
 from calibrant.tasks.options.images import CornerOptions, PointsOptions, SearchOptions

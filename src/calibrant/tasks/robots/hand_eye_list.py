@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calibrant.errors import InputError, RefusedError
-from calibrant.tasks import session
+from calibrant.tasks.inputs import session
 from calibrant.tasks.inputs.sources import Source, kept
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.cameras import LensOptions

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calibrant.errors import InputError, RefusedError
-from calibrant.tasks import session
+from calibrant.tasks.inputs import session
 from calibrant.tasks.robots import hand_eye_list
 from calibrant.tasks.robots.hand_eye_list import ListRequest, PairedData
 from calibrant.tasks.robots.hand_eye_names import Names

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from calibrant.errors import InputError
-from calibrant.tasks import session
+from calibrant.tasks.inputs import session
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.option import Option
 from calibrant.tasks.options.words import pixels

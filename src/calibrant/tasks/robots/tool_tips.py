@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibrant.tasks import session
+from calibrant.tasks.inputs import session
 
 if TYPE_CHECKING:
     from calibrant.calibrate.tool.tip import ToolTip

@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Annotated
 
 from calibrant.errors import InputError
-from calibrant.tasks import session
+from calibrant.tasks.inputs import session
 from calibrant.tasks.inputs.sources import Source
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.images import PhotoOptions, PointsOptions, SearchOptions

@@ -26,16 +26,16 @@ from calibrant.calibrate.cell.problem.layout import (
     layout,
 )
 from calibrant.calibrate.cell.problem.problem import Cell
-from calibrant.calibrate.cell.refine import refined
-from calibrant.calibrate.cell.result import cell_result
-from calibrant.calibrate.cell.starts.cell import CellStart, cell_start
-from calibrant.calibrate.cell.views import (
+from calibrant.calibrate.cell.problem.views import (
     HandEyeViews,
     from_observations,
     from_target_poses,
     match_views,
     unsharp_views,
 )
+from calibrant.calibrate.cell.refine import refined
+from calibrant.calibrate.cell.result import cell_result
+from calibrant.calibrate.cell.starts.cell import CellStart, cell_start
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Check, Observations, RobotPoses, ViewResult
 from calibrant.data.verdicts import refuse_if_failed, stamp

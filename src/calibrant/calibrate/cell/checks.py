@@ -10,9 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.calibrate.cell.loop.image_poses import ImagePoses
-from calibrant.calibrate.cell.starts.seed import Seed
 from calibrant.calibrate.solvers.motion import MotionReport
-from calibrant.calibrate.solvers.setup import SETUPS, Setup
 from calibrant.data import Check, Measured, SigmaRobot, TransformEstimate, ViewResult
 from calibrant.optimize.solution import Solution
 
@@ -21,9 +19,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-SETUP_RATIO = 3.0
-"""The other setup is the right one when its loop is this many times more consistent: noise moves the ratio of two loops
-over the same poses by tens of per cent, a wrong setup by factors of ten and more."""
 LOOP_WARN, LOOP_FAIL = 0.05, 0.30
 """Loop spread over the size of the motion: 5 % is 10 mm over 200 mm, 30 % is no agreement worth the name."""
 SCALE_SIGMAS = 3.0
@@ -56,29 +51,6 @@ class LoopDeviations:
     def rms_px(self) -> float | None:
         """Pixels; views weigh alike: over all points, full boards would weigh more."""
         return float(np.sqrt(np.mean(self.px**2))) if len(self.px) else None
-
-
-def setup_check(setup: Setup, seed: Seed, other: Seed | None) -> Check:
-    """Does the other setup explain the data better? `other` is None when it has no solution at all."""
-    alternative = next(s for s in SETUPS.values() if s.name != setup.name)
-    if other is None:
-        return Check("setup", "ok", f"only {setup.name} explains the poses")
-    ratio = seed.loop.score / max(other.loop.score, 1e-12)
-    figures = (
-        f"loop {seed.loop.median_mm:.3g} mm / {seed.loop.median_deg:.2g} deg as {setup.name}, "
-        f"{other.loop.median_mm:.3g} mm / {other.loop.median_deg:.2g} deg as {alternative.name} (medians)"
-    )
-    if ratio > SETUP_RATIO:
-        message = (
-            f"the data fit {alternative.description}, not {setup.name}: {figures}; use --setup {alternative.name}, "
-            "or check whether the poses are inverted"
-        )
-        return Check("setup", "fail", message, float(ratio))
-    if ratio > 1 / SETUP_RATIO:
-        return Check(
-            "setup", "warn", f"both setups fit about equally well, the data do not tell which it is: {figures}", ratio
-        )
-    return Check("setup", "ok", figures, float(ratio))
 
 
 def loop_check(loop: LoopDeviations, score: float) -> Check:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.calibrate.cell.problem.camera_role import CameraRole, prior_camera
-from calibrant.calibrate.cell.views import LEAST_SIGMA_PX, HandEyeViews
-from calibrant.calibrate.cell.views import MINIMUM_POINTS as ENOUGH_POINTS
+from calibrant.calibrate.cell.problem.views import LEAST_SIGMA_PX, HandEyeViews
+from calibrant.calibrate.cell.problem.views import MINIMUM_POINTS as ENOUGH_POINTS
 from calibrant.calibrate.intrinsics.one_model import calibrate_keeping
 from calibrant.calibrate.pose.target_poses import target_poses
 from calibrant.calibrate.reprojection.outliers import CAUCHY_SCALE_SIGMAS, MINIMUM_POINTS, Marked, mark, view_reason
@@ -18,7 +18,6 @@ from calibrant.calibrate.reprojection.weights import reweighted
 from calibrant.cameras import Camera
 from calibrant.data import Observations, RobotPoses, View, ViewResult
 from calibrant.errors import InputError
-from calibrant.geometry import se3
 from calibrant.optimize.losses import Loss, cauchy
 
 Array = NDArray[np.float64]
@@ -124,7 +123,7 @@ def _mark(views: Sequence[View], camera: Camera, loss: Loss | None, sigma: float
 def _squares(views: Sequence[View], camera: Camera, loss: Loss | None = None, sigma: float = 1.0) -> Array:
     """Squared residual norms of all points, px^2, each view at its own pose."""
     T = target_poses(camera, views, loss=loss, sigma=sigma).T_camera_target
-    residuals = [camera.project(se3.apply(pose, v.points)) - v.uv for v, pose in zip(views, T)]
+    residuals = [v.residuals(camera, pose) for v, pose in zip(views, T)]
     return np.sum(np.concatenate(residuals) ** 2, axis=1)
 
 

@@ -13,7 +13,7 @@ from calibrant.calibrate.cell.fitted import fitted_cameras, fitted_transforms
 from calibrant.calibrate.cell.problem.groups import geometry_variable, pictures_factor
 from calibrant.calibrate.cell.problem.layout import Frame
 from calibrant.calibrate.cell.problem.problem import Cell, cell_problem
-from calibrant.calibrate.cell.views import HandEyeViews
+from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.calibrate.reprojection.outliers import mark
 from calibrant.errors import RefusedError
 from calibrant.optimize.noise import NoiseEstimate, estimate_noise

@@ -21,7 +21,7 @@ from calibrant.calibrate.cell.loop.noise import LoopNoise
 from calibrant.calibrate.cell.loop.target_size import target_size
 from calibrant.calibrate.cell.problem.groups import scale_variable
 from calibrant.calibrate.cell.problem.problem import Cell, cell_problem
-from calibrant.calibrate.cell.views import HandEyeViews
+from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.calibrate.solvers.setup import get_setup
 from calibrant.data import Measured
 from calibrant.optimize.levenberg_marquardt import solve

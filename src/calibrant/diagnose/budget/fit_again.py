@@ -15,8 +15,8 @@ from calibrant.calibrate.cell.problem.groups import ROBOT_ROTATION as TURNS
 from calibrant.calibrate.cell.problem.groups import ROBOT_TRANSLATION as PLACES
 from calibrant.calibrate.cell.problem.layout import Layout, Pictures, TargetPoses
 from calibrant.calibrate.cell.problem.problem import Cell, cell_problem
+from calibrant.calibrate.cell.problem.views import HandEyeViews, from_target_poses
 from calibrant.calibrate.cell.stated import cell_layout
-from calibrant.calibrate.cell.views import HandEyeViews, from_target_poses
 from calibrant.calibrate.reprojection.weights import completed
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, RobotPoses, View, ViewResult

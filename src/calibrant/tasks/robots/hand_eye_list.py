@@ -113,7 +113,7 @@ def diagnose(data: PairedData, request: ListRequest) -> Diagnosis:
 
 def _seen(data: PairedData, request: ListRequest) -> tuple[Observations, Camera]:
     """The observations without points that do not belong, and the camera that saw them."""
-    from calibrant.calibrate.cell.views import MINIMUM_POINTS
+    from calibrant.calibrate.cell.problem.views import MINIMUM_POINTS
     from calibrant.calibrate.intrinsics.one_model import calibrate_keeping
 
     observations = data.observations

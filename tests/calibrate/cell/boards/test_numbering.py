@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from calibrant.calibrate.cell.boards.numbering import find_numbering
 from calibrant.calibrate.cell.boards.turned import NAME, board_turns, turned_views, with_boards
 from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye
-from calibrant.calibrate.cell.views import from_observations
+from calibrant.calibrate.cell.problem.views import from_observations
 from calibrant.data import Observations, RobotPoses
 from calibrant.errors import RefusedError
 from calibrant.geometry import se3, so3

@@ -13,7 +13,7 @@ from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye
 from calibrant.calibrate.cell.loop.image_poses import EVIDENT, ImagePoses, image_poses
 from calibrant.calibrate.cell.loop.noise import fit_loop_noise
 from calibrant.calibrate.cell.loop.target_size import target_size
-from calibrant.calibrate.cell.views import HandEyeViews, from_observations, from_target_poses
+from calibrant.calibrate.cell.problem.views import HandEyeViews, from_observations, from_target_poses
 from calibrant.calibrate.pose.target_poses import target_poses
 from calibrant.calibrate.solvers.setup import get_setup
 from calibrant.cameras import Camera

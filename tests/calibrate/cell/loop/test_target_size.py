@@ -12,7 +12,7 @@ import pytest
 from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye
 from calibrant.calibrate.cell.loop.noise import fit_loop_noise
 from calibrant.calibrate.cell.loop.target_size import camera_share, target_size
-from calibrant.calibrate.cell.views import from_observations
+from calibrant.calibrate.cell.problem.views import from_observations
 from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics
 from calibrant.calibrate.intrinsics.one_model import calibrate_keeping
 from calibrant.calibrate.pose.target_poses import target_poses

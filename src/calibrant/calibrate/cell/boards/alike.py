@@ -21,8 +21,8 @@ from calibrant.calibrate.cell.boards.turned import (
     with_boards,
 )
 from calibrant.calibrate.cell.problem.layout import Frame, Layout, Pictures
+from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.calibrate.cell.starts.seed import seed_of_all
-from calibrant.calibrate.cell.views import HandEyeViews
 from calibrant.calibrate.solvers.motion import motion_report
 from calibrant.calibrate.solvers.setup import SETUPS, get_setup
 from calibrant.data import Check

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.calibrate.cell.boards.numbering import Numbering, find_numbering
-from calibrant.calibrate.cell.views import HandEyeViews
+from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.calibrate.solvers.setup import Setup
 from calibrant.data import Check, Observations, View
 from calibrant.errors import RefusedError

@@ -26,7 +26,7 @@ import numpy as np
 
 from calibrant.calibrate.cell.loop.noise import LoopNoise
 from calibrant.calibrate.cell.loop.target_size import loop_of_views
-from calibrant.calibrate.cell.views import HandEyeViews
+from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.calibrate.solvers.setup import Setup
 from calibrant.cameras import Camera
 

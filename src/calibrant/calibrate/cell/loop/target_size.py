@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.calibrate.cell.loop.noise import LoopNoise, fit_loop_noise
-from calibrant.calibrate.cell.views import HandEyeViews
+from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.calibrate.reprojection.factor import stack
 from calibrant.calibrate.solvers.setup import Setup
 from calibrant.cameras import Camera

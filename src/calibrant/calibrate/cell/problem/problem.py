@@ -51,7 +51,7 @@ from calibrant.calibrate.cell.problem.layout import (
     variable,
 )
 from calibrant.calibrate.cell.problem.pose_pairs import ChainRotation, ChainTranslation
-from calibrant.calibrate.cell.views import HandEyeViews, from_target_poses
+from calibrant.calibrate.cell.problem.views import HandEyeViews, from_target_poses
 from calibrant.calibrate.reprojection.factor import ReprojectionFactor, TargetModes, stack
 from calibrant.calibrate.reprojection.links import Link
 from calibrant.calibrate.solvers.setup import Setup

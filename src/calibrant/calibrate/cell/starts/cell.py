@@ -13,12 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.calibrate.cell.checks import setup_check
 from calibrant.calibrate.cell.problem.layout import HAND_TO_HAND, STANDING, Frame, Layout, Pictures
+from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.calibrate.cell.starts.hand_to_hand import hand_to_hand_start
 from calibrant.calibrate.cell.starts.medoid import medoid
-from calibrant.calibrate.cell.starts.seed import Seed, best_seed, seed_of_all
-from calibrant.calibrate.cell.views import HandEyeViews
+from calibrant.calibrate.cell.starts.seed import Seed, best_seed, seed_of_all, setup_check
 from calibrant.calibrate.solvers.motion import MotionReport, motion_report
 from calibrant.calibrate.solvers.setup import SETUPS, Setup, get_setup
 from calibrant.data import Check

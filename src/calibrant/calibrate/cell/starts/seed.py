@@ -18,7 +18,8 @@ from calibrant.calibrate.solvers.loop_errors import (
 )
 from calibrant.calibrate.solvers.registry import SOLVERS
 from calibrant.calibrate.solvers.relative import pose_pairs, sample
-from calibrant.data import MethodResult
+from calibrant.calibrate.solvers.setup import SETUPS, Setup
+from calibrant.data import Check, MethodResult
 from calibrant.errors import RefusedError
 from calibrant.optimize.chances import MAXWELL_MEDIAN
 
@@ -31,6 +32,10 @@ GROSS_FLOOR = (1e-6, 1e-5)
 """Metres and radians below which a spread is rounding and nothing is called gross."""
 MOST_GROSS = 1 / 3
 """At most this share of the views may be set aside: beyond it the fault is not in single views."""
+
+SETUP_RATIO = 3.0
+"""The other setup is the right one when its loop is this many times more consistent: noise moves the ratio of two loops
+over the same poses by tens of per cent, a wrong setup by factors of ten and more."""
 
 LONG_SESSION = 200
 """Poses beyond which single views hardly pull a closed form."""
@@ -161,3 +166,26 @@ def mean_of_methods(A: Array, B: Array, table: Mapping[str, MethodResult]) -> Me
     if not answers:
         return MethodResult(None, None, None, "no method gave an answer")
     return method_result(A, B, se3.mean(np.stack(answers)))
+
+
+def setup_check(setup: Setup, seed: Seed, other: Seed | None) -> Check:
+    """Does the other setup explain the data better? `other` is None when it has no solution at all."""
+    alternative = next(s for s in SETUPS.values() if s.name != setup.name)
+    if other is None:
+        return Check("setup", "ok", f"only {setup.name} explains the poses")
+    ratio = seed.loop.score / max(other.loop.score, 1e-12)
+    figures = (
+        f"loop {seed.loop.median_mm:.3g} mm / {seed.loop.median_deg:.2g} deg as {setup.name}, "
+        f"{other.loop.median_mm:.3g} mm / {other.loop.median_deg:.2g} deg as {alternative.name} (medians)"
+    )
+    if ratio > SETUP_RATIO:
+        message = (
+            f"the data fit {alternative.description}, not {setup.name}: {figures}; use --setup {alternative.name}, "
+            "or check whether the poses are inverted"
+        )
+        return Check("setup", "fail", message, float(ratio))
+    if ratio > 1 / SETUP_RATIO:
+        return Check(
+            "setup", "warn", f"both setups fit about equally well, the data do not tell which it is: {figures}", ratio
+        )
+    return Check("setup", "ok", figures, float(ratio))

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from calibrant.calibrate.cell.boards.turned import with_boards
 from calibrant.calibrate.cell.loop.noise import LoopNoise
 from calibrant.calibrate.cell.loop.target_size import target_size
+from calibrant.calibrate.cell.problem.views import HandEyeViews, from_observations, from_target_poses
 from calibrant.calibrate.cell.starts.robust import OUTLIER_P, RobustFit, log_misfit, robust_fit
-from calibrant.calibrate.cell.views import HandEyeViews, from_observations, from_target_poses
 from calibrant.calibrate.solvers.setup import Setup, get_setup
 from calibrant.cameras import Camera
 from calibrant.data import Missed, Observations, RobotPoses, View

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from calibrant.cameras import Camera
 from calibrant.data import Observations, RobotPoses, View
 from calibrant.errors import InputError
+from calibrant.geometry import se3
 
 Array = NDArray[np.float64]
 
@@ -155,8 +156,7 @@ def from_observations(
     if sigma_px is None:
         sigma_px = max(float(np.median(found.rms_px)) / np.sqrt(2), LEAST_SIGMA_PX)
     deviations = np.sqrt(np.einsum("nii->ni", found.covariance)) * sigma_px
-    sigma_deg = np.rad2deg(np.linalg.norm(deviations[:, :3], axis=1))
-    sigma_mm = 1e3 * np.linalg.norm(deviations[:, 3:], axis=1)
+    sigma_mm, sigma_deg = se3.mm_and_deg(deviations)
     ratios = np.maximum(sigma_deg / np.median(sigma_deg), sigma_mm / np.median(sigma_mm))
     certainty = np.full(n, np.inf)
     certainty[enough] = ratios

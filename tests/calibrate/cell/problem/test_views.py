@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibrant.calibrate.cell.photos import judge
-from calibrant.calibrate.cell.views import from_observations, from_target_poses, match_views, unsharp_views
+from calibrant.calibrate.cell.problem.views import from_observations, from_target_poses, match_views, unsharp_views
 from calibrant.data import RobotPoses, View
 from calibrant.errors import InputError
 from calibrant.simulate.scenes import HandEyeScene, hand_eye_scene

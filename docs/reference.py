@@ -125,10 +125,11 @@ def public_page() -> str:
 def verb_section(name: str, verb: Any) -> list[str]:
     """A command from Python: its signature, one argument a line, and its docstring."""
     said = inspect.signature(verb)
-    arguments = [
-        f"    {parameter},".replace(f"'{parameter.annotation}'", str(parameter.annotation))
-        for parameter in said.parameters.values()
-    ]
+    arguments = []
+    for parameter in said.parameters.values():
+        if parameter.kind is parameter.KEYWORD_ONLY and "    *," not in arguments:
+            arguments.append("    *,")
+        arguments.append(f"    {parameter},".replace(f"'{parameter.annotation}'", str(parameter.annotation)))
     signature = ["```python", f"{name}(", *arguments, f") -> {said.return_annotation}", "```"]
     before, args, after = (inspect.getdoc(verb) or "").partition("Args:\n")
     listed = re.sub(r"^    (\w+): ", r"* **\1**: ", after, flags=re.M)

@@ -37,7 +37,7 @@ STAGES = {
     "search": ("calibrant.tasks.inputs.session", "detect_boards"),
     "doctor": ("calibrant.tasks.robots.hand_eye_list", "diagnose"),
     "calibrate": ("calibrant.calibrate.cell.hand_eye", "calibrate_hand_eye"),
-    "review": ("calibrant.diagnose.review", "review"),
+    "review": ("calibrant.calibrate.review.review", "review"),
     "checksums": ("calibrant.tasks.inputs.session", "file_records"),
     "summary": ("calibrant.reports.terminal", "summary"),
     "write": ("calibrant.data.results", "CalibrationResult.write"),

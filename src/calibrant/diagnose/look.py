@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from calibrant.data import CalibrationResult
 
 if TYPE_CHECKING:
+    from calibrant.calibrate.review.coverage import CameraCoverage
+    from calibrant.calibrate.review.residuals import ViewResiduals
     from calibrant.diagnose.budget.workspace import WorkspaceUncertainty
-    from calibrant.diagnose.coverage import CameraCoverage
     from calibrant.diagnose.loop import LoopView
-    from calibrant.diagnose.residuals import ViewResiduals
 
 Array = NDArray[np.float64]
 
@@ -29,14 +29,14 @@ class Look:
     @cached_property
     def poses(self) -> dict[tuple[str, str], Array]:
         """T_camera_target (4, 4) by (camera, view id), as stated or fitted."""
-        from calibrant.diagnose.residuals import fitted_poses
+        from calibrant.calibrate.review.residuals import fitted_poses
 
         return fitted_poses(self.result)
 
     @cached_property
     def residuals(self) -> tuple[ViewResiduals, ...]:
         """Residuals of every view; empty without observations."""
-        from calibrant.diagnose.residuals import view_residuals
+        from calibrant.calibrate.review.residuals import view_residuals
 
         return () if self.result.observations is None else view_residuals(self.result, self.poses)
 
@@ -52,7 +52,7 @@ class Look:
     @cached_property
     def coverage(self) -> tuple[CameraCoverage, ...]:
         """What the views of each camera cover."""
-        from calibrant.diagnose.coverage import covered
+        from calibrant.calibrate.review.coverage import covered
 
         return () if self.result.observations is None else covered(self.result, self.poses, self.residuals)
 

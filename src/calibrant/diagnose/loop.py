@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from calibrant.calibrate.cell.problem.layout import STANDING, Layout, Pictures
 from calibrant.calibrate.cell.stated import stated_layout
+from calibrant.calibrate.review.residuals import seen_poses
 from calibrant.data import CalibrationResult, TransformEstimate
-from calibrant.diagnose.residuals import seen_poses
 from calibrant.geometry import se3
 
 Array = NDArray[np.float64]

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from calibrant.calibrate.review.coverage import CameraCoverage
+from calibrant.calibrate.review.review import is_about_cameras
 from calibrant.cameras import Camera
 from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Check, TransformEstimate
-from calibrant.diagnose.coverage import CameraCoverage
 from calibrant.diagnose.look import Look
 from calibrant.diagnose.loop import LoopView
-from calibrant.diagnose.review import is_about_cameras
 from calibrant.reports.kinds.registry import kind_of
 from calibrant.reports.parts.blocks import Block
 from calibrant.reports.parts.figures import (

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.calibrate.review.residuals import ViewResiduals
 from calibrant.data import CalibrationResult, View
 from calibrant.diagnose.loop import LoopView, by_view
-from calibrant.diagnose.residuals import ViewResiduals
 from calibrant.reports.parts.rows import ViewRow, view_rows
 from calibrant.reports.pictures import data_uris
 

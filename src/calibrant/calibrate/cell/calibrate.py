@@ -36,6 +36,7 @@ from calibrant.calibrate.cell.problem.views import (
 from calibrant.calibrate.cell.refine import refined
 from calibrant.calibrate.cell.result import cell_result
 from calibrant.calibrate.cell.starts.cell import CellStart, cell_start
+from calibrant.calibrate.review.review import review
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Check, Observations, RobotPoses, ViewResult
 from calibrant.data.verdicts import refuse_if_failed, stamp
@@ -96,7 +97,7 @@ calibrate_several = calibrate_cell
 
 def judged_cell(fit: CellFit, asked: Mapping[str, object]) -> CalibrationResult:
     """The result of a fit, stamped. Raises: RefusedError, which holds the result, where a check failed."""
-    result = stamp(cell_result(fit.cell, fit.start, fit.noise, fit.left_out, fit.numbering, asked))
+    result = stamp(review(cell_result(fit.cell, fit.start, fit.noise, fit.left_out, fit.numbering, asked)))
     refuse_if_failed(result)
     return result
 

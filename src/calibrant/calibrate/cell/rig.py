@@ -13,21 +13,32 @@ the rig's frame being the reference camera's, the noise of every camera estimate
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.calibrate.cell.starts.medoid import robust_mean
 from calibrant.calibrate.intrinsics.one_model import Kept, calibrate_keeping
-from calibrant.calibrate.reprojection.factor import ReprojectionFactor
+from calibrant.calibrate.reprojection.factor import ReprojectionFactor, seen_in_fit
 from calibrant.calibrate.reprojection.held import camera_manifold
 from calibrant.calibrate.reprojection.links import Link
+from calibrant.calibrate.review.review import review
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Check, Observations, ViewResult, as_transform, verdict_of
 from calibrant.data.verdicts import refuse_if_failed, stamp
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3
-from calibrant.optimize import SE3, NoiseEstimate, Problem, SolverOptions, Variable, estimate_noise, uncertainty
+from calibrant.optimize import (
+    SE3,
+    NoiseEstimate,
+    Problem,
+    Solution,
+    SolverOptions,
+    Variable,
+    estimate_noise,
+    uncertainty,
+)
 
 Array = NDArray[np.float64]
 
@@ -80,7 +91,7 @@ def calibrate_rig(
     Raises: InputError for unusable input; RefusedError when cameras share no moments or cannot be determined.
     """
     fit = fit_rig(observations, model=model, fix=fix, reference=reference)
-    result = stamp(_result(observations, fit, model, fix))
+    result = stamp(review(_result(observations, fit, model, fix)))
     refuse_if_failed(result)
     return result
 
@@ -157,22 +168,7 @@ def _best_pair(poses: Mapping[str, Mapping[str, Array]], placed: Mapping[str, Ar
         return None
     count, a, b, shared = best
     Ta, Tb = (np.stack([poses[n][m] for m in shared]) for n in (a, b))
-    return Pair(a, b, count, _robust_mean(Ta @ se3.inverse(Tb)))
-
-
-def _robust_mean(T: Array) -> Array:
-    """Mean of the transforms that agree with the majority: those nearer to the medoid than 3 times the median.
-
-    Distances add metres and radians: at a metre's distance one weighs as much as the other.
-    """
-    # |R_a - R_b| = sqrt(8) sin(angle / 2) in the Frobenius norm.
-    turned = (T[:, None, :3, :3] - T[None, :, :3, :3]).reshape(len(T), len(T), 9)
-    shift = T[:, None, :3, 3] - T[None, :, :3, 3]
-    chord = np.sqrt(np.einsum("abi,abi->ab", turned, turned) / 8)
-    distance = 2 * np.arcsin(np.minimum(chord, 1)) + np.sqrt(np.einsum("abi,abi->ab", shift, shift))
-    typical = np.median(distance, axis=1)
-    medoid = int(np.argmin(typical))
-    return se3.mean(T[distance[medoid] <= 3 * typical[medoid] + 1e-12])
+    return Pair(a, b, count, robust_mean(Ta @ se3.inverse(Tb)))
 
 
 def _problem(alone: Mapping[str, Kept], start: RigStart, reference: str, fix: Sequence[str]) -> Problem:
@@ -209,7 +205,7 @@ def _result(observations: Observations, fit: RigFit, model: str, fix: Sequence[s
         squares += float(r.sum())
         level = estimate.levels[_group(name)]
         weighted, freedom = weighted + level.sigma**2 * level.redundancy, freedom + level.redundancy
-        views += _views(kept, solution.problem, solution.values, name, r)
+        views += _views(kept, solution, name)
         if name != reference:
             T = solution.value(_frame(name))[0]
             C = uncertainty.of_inverse(T, solution.covariance(_frame(name)))
@@ -231,21 +227,15 @@ def _result(observations: Observations, fit: RigFit, model: str, fix: Sequence[s
     )
 
 
-def _views(kept: Kept, problem: Problem, values: tuple[Array, ...], name: str, squares: Array) -> list[ViewResult]:
-    """Every view of a camera with its residual in the joint fit; those left out alone stay as they were."""
-    k = problem.factor_index(name)
-    factor = problem.factors[k]
-    T = factor.T_camera_target(*problem.gather(k, values))  # type: ignore[attr-defined]
-    offsets = kept.stacked.offsets
-    rms = np.sqrt(np.add.reduceat(squares, offsets[:-1]) / np.diff(offsets)).tolist()
-    place = {v.id: i for i, v in enumerate(kept.views)}
+def _views(kept: Kept, solution: Solution, camera: str) -> list[ViewResult]:
+    """Every view of a camera with its residual in the fit; those left out alone stay as they were."""
+    fitted = {v.id: seen for v, seen in zip(kept.views, seen_in_fit(solution, camera))}
     out = []
     for view in kept.result.views:
-        i = place.get(view.id)
-        if i is None:
-            out.append(view)
-            continue
-        out.append(ViewResult(view.id, True, view.points, rms[i], view.reason, view.camera, view.points_left_out, T[i]))
+        if view.id in fitted:
+            squares, T = fitted[view.id]
+            view = replace(view, rms_px=float(np.sqrt(squares.mean())), T_camera_target=T)
+        out.append(view)
     return out
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from calibrant.calibrate.intrinsics.model_choice import AUTO, calibrate_auto
 from calibrant.calibrate.intrinsics.one_model import calibrate_keeping
 from calibrant.calibrate.intrinsics.target_shape import FLAT
+from calibrant.calibrate.review.review import review
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Observations
 
@@ -27,8 +28,9 @@ def calibrate_intrinsics(
     initial: start values; its model may differ, terms it lacks start at 0. max_error_px: points above it are left out
     and the rest is calibrated again. target_shape: "flat", or estimated with the camera: "paraboloid" or "free" (see
     `target_shape`); the result then holds its shape among `details`.
-    Returns a CalibrationResult of kind "intrinsics". Raises: InputError for unusable input; RefusedError when the
-    views cannot determine the camera, naming what is missing.
+    Returns a CalibrationResult of kind "intrinsics", reviewed: its checks and verdict are the command line's.
+    Raises: InputError for unusable input; RefusedError when the views cannot determine the camera, naming what is
+    missing.
 
         >>> import calibrant as cb
         >>> from calibrant.simulate.scenes import intrinsics_scene
@@ -37,7 +39,8 @@ def calibrate_intrinsics(
         ['cx', 'cy', 'fx', 'fy']
     """
     if model == AUTO:
-        return calibrate_auto(observations, fix=fix, initial=initial, max_error_px=max_error_px)
-    return calibrate_keeping(
+        return review(calibrate_auto(observations, fix=fix, initial=initial, max_error_px=max_error_px))
+    kept = calibrate_keeping(
         observations, model=model, fix=fix, initial=initial, max_error_px=max_error_px, target_shape=target_shape
-    ).result
+    )
+    return review(kept.result)

@@ -25,7 +25,8 @@ from calibrant.calibrate.intrinsics.target_shape import FLAT, Flat, shape_of, wi
 from calibrant.calibrate.intrinsics.wide_lens import model_check, refuse_wide_lens
 from calibrant.calibrate.reprojection.factor import StackedViews, stack
 from calibrant.calibrate.reprojection.held import expand_fix
-from calibrant.calibrate.reprojection.outliers import MINIMUM_POINTS, Marked, median, points_reason, view_reason
+from calibrant.calibrate.reprojection.outliers import MINIMUM_POINTS, Marked, median, view_reason
+from calibrant.calibrate.reprojection.view_results import fitted_view, unused_view
 from calibrant.calibrate.starts import any_lens as camera_start
 from calibrant.calibrate.starts import with_depth as spatial_start
 from calibrant.calibrate.starts.with_depth import SolidViews, see_target
@@ -292,21 +293,15 @@ def _intrinsics_views(
     too_small: dict[str, str],
     squares: Array,
 ) -> tuple[ViewResult, ...]:
-    counts = np.diff(fit.stacked.offsets)
-    rms = np.sqrt(np.add.reduceat(squares, fit.stacked.offsets[:-1]) / counts)
-    typical, sizes, each = median(rms), counts.tolist(), rms.tolist()
+    parts = np.split(squares, fit.stacked.offsets[1:-1])
+    typical = median(np.array([np.sqrt(part.mean()) for part in parts]))
     T = fit.solution.value("T_camera_target") if fit.T_camera_target is None else fit.T_camera_target
     place = {v.id: i for i, v in enumerate(fit.views)}
     out = []
     for view in all_views:
-        camera = view.camera
-        if view.id in too_small:
-            out.append(ViewResult(view.id, False, len(view), reason=too_small[view.id], camera=camera))
-        elif view.id in place:
-            i = place[view.id]
-            lost = len(view) - sizes[i]
-            reason = points_reason(lost, len(view), marked.limit_px) if lost else None
-            out.append(ViewResult(view.id, True, sizes[i], each[i], reason, camera, lost, T[i]))
+        i = place.get(view.id)
+        if i is None:
+            out.append(unused_view(view, too_small.get(view.id, view_reason(len(view), typical))))
         else:
-            out.append(ViewResult(view.id, False, len(view), None, view_reason(len(view), typical), camera))
+            out.append(fitted_view(view, parts[i], T[i], total=len(view), limit_px=marked.limit_px))
     return tuple(out)

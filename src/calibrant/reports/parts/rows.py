@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from calibrant.calibrate.review.residuals import camera_of
 from calibrant.data import CalibrationResult, ViewResult
-from calibrant.diagnose.residuals import camera_of
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,6 @@ def reads(request: Request) -> list[Path]:
 def run(request: Request, listener: Listener = SILENT) -> Outcome:
     """The camera, reviewed. Raises: InputError; RefusedError with the result that failed its checks."""
     from calibrant.data.verdicts import refuse_if_failed
-    from calibrant.diagnose.review import review
 
     source = _source(request, listener)
     limit = pixels(request.max_error, option="--max-error")
@@ -73,7 +72,7 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     if request.search.mirror_x:
         result = replace(result, options={**result.options, "mirror_x": True})
     result = replace(result, inputs=session.file_records(reads(request)))
-    result = review(session.with_misses(result))
+    result = session.with_misses(result)
     refuse_if_failed(result)
     return Outcome(result=result, documents=_asked_for(result, request), beside=_beside(result, request))
 

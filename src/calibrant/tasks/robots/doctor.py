@@ -122,7 +122,6 @@ def _repaired(diagnosis: Diagnosis, data: PairedData, request: ListRequest) -> C
     from calibrant.data import Check, verdict_of
     from calibrant.diagnose.doctor.diagnosis import faults
     from calibrant.diagnose.doctor.repair import calibrate_repaired
-    from calibrant.diagnose.review import review
 
     found = calibrate_repaired(diagnosis, model=request.lens.model, fix=split_names(request.lens.fix))
     result = session.with_misses(found)
@@ -142,7 +141,7 @@ def _repaired(diagnosis: Diagnosis, data: PairedData, request: ListRequest) -> C
     decided = {**result.decided, "pose_reading": decision.notation.description}
     inputs = session.file_records(data.files)
     complete = replace(result, checks=checks, verdict=verdict_of(checks), decided=decided, inputs=inputs)
-    return review(complete.with_detail(faults(diagnosis.findings)))
+    return complete.with_detail(faults(diagnosis.findings))
 
 
 def _words(*shown: CalibrationResult | Look) -> RenderableType:

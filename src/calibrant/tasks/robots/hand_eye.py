@@ -79,7 +79,6 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     """
     from calibrant.data import verdict_of
     from calibrant.data.verdicts import refuse_if_failed
-    from calibrant.diagnose.review import review
 
     names, common = _names(request), _common(request, listener)
     _check_options(request, names)
@@ -96,7 +95,7 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
         decided={**result.decided, **_notations(lists, names)},
         inputs=session.file_records(f for p in lists for f in p.files),
     )
-    reviewed = request.volume.applied(review(session.with_misses(done)))
+    reviewed = request.volume.applied(session.with_misses(done))
     refuse_if_failed(reviewed)
     return Outcome(result=reviewed)
 

@@ -34,12 +34,12 @@ def examine(case: Case) -> list[Finding]:
     """Do the images fit the camera that was given?"""
     if not case.camera_given or case.camera is None or case.observations is None or len(case.index) < LEAST_VIEWS:
         return []
-    from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics
+    from calibrant.calibrate.intrinsics.one_model import calibrate_keeping
 
     views = [v for v, use in zip(case.data.views or (), case.data.use) if use]
     model = "brown" if case.camera.model.name == "pinhole" else case.camera.model.name
     try:
-        fresh = calibrate_intrinsics(replace(case.observations, views=tuple(views)), model=model).camera
+        fresh = calibrate_keeping(replace(case.observations, views=tuple(views)), model=model).result.camera
         return _compared_cameras(case, views, case.camera, fresh)
     except (RefusedError, InputError):
         return []  # images that cannot calibrate a camera say nothing against the given one

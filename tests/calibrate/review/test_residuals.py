@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibrant.cameras import Camera
-from calibrant.data import CalibrationResult, Observations, ViewResult
-from calibrant.diagnose.residuals import (
+from calibrant.calibrate.review.residuals import (
     ViewResiduals,
     fitted_poses,
     seen_poses,
     structure_check,
     view_residuals,
 )
+from calibrant.cameras import Camera
+from calibrant.data import CalibrationResult, Observations, ViewResult
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
 

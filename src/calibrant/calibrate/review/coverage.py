@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from calibrant.calibrate.review.residuals import ViewResiduals, camera_of, fitted_poses, structure_check, view_residuals
 from calibrant.data import CalibrationResult, Check
-from calibrant.diagnose.residuals import ViewResiduals, camera_of, fitted_poses, structure_check, view_residuals
 from calibrant.errors import InputError
 from calibrant.geometry import se3
 

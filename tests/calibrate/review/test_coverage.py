@@ -5,10 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibrant.cameras import Camera
-from calibrant.data import CalibrationResult, Check, Observations, ViewResult
-from calibrant.data.results import Verdict
-from calibrant.diagnose.coverage import (
+from calibrant.calibrate.review.coverage import (
     board_spread,
     camera_coverage,
     coverage_checks,
@@ -16,6 +13,9 @@ from calibrant.diagnose.coverage import (
     spread_checks,
     with_coverage_checks,
 )
+from calibrant.cameras import Camera
+from calibrant.data import CalibrationResult, Check, Observations, ViewResult
+from calibrant.data.results import Verdict
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
 

@@ -21,7 +21,8 @@ def _camera_transforms(result: CalibrationResult) -> list[TransformEstimate]:
 
 
 def _headline(result: CalibrationResult) -> list[Fact]:
-    return [*placed(result, _camera_transforms(result)), *_in_workspace(result)]
+    # What was asked about stands first.
+    return [*_in_workspace(result), *placed(result, _camera_transforms(result))]
 
 
 def _in_workspace(result: CalibrationResult) -> list[Fact]:

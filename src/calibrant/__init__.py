@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from calibrant.reports.html import write_report as write_report
     from calibrant.targets.registry import parse_target as parse_target
     from calibrant.tasks.inputs.pose_files import read_poses as read_poses
+    from calibrant.tasks.verbs import capture as capture
+    from calibrant.tasks.verbs import demo as demo
     from calibrant.tasks.verbs import doctor as doctor
     from calibrant.tasks.verbs import dynamic as dynamic
     from calibrant.tasks.verbs import hand_eye as hand_eye
@@ -42,11 +44,13 @@ if TYPE_CHECKING:
     from calibrant.tasks.verbs import next_pose as next_pose
     from calibrant.tasks.verbs import pose as pose
     from calibrant.tasks.verbs import report as report
+    from calibrant.tasks.verbs import study_methods as study_methods
     from calibrant.tasks.verbs import target as target
     from calibrant.tasks.verbs import time_offset as time_offset
     from calibrant.tasks.verbs import tool_seen as tool_seen
     from calibrant.tasks.verbs import tool_self_visibility as tool_self_visibility
     from calibrant.tasks.verbs import tool_touch as tool_touch
+    from calibrant.tasks.verbs import undistort as undistort
     from calibrant.tasks.verbs import vanishing as vanishing
 
     read = result_file.read_result
@@ -73,6 +77,10 @@ _PUBLIC = {
     "detect": ("calibrant.detection.pipeline", "detect"),
     "doctor": ("calibrant.tasks.verbs", "doctor"),
     "dynamic": ("calibrant.tasks.verbs", "dynamic"),
+    "undistort": ("calibrant.tasks.verbs", "undistort"),
+    "study_methods": ("calibrant.tasks.verbs", "study_methods"),
+    "demo": ("calibrant.tasks.verbs", "demo"),
+    "capture": ("calibrant.tasks.verbs", "capture"),
     "geometry": ("calibrant.geometry", ""),
     "hand_eye": ("calibrant.tasks.verbs", "hand_eye"),
     "intrinsics": ("calibrant.tasks.verbs", "intrinsics"),

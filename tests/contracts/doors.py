@@ -86,6 +86,15 @@ def _vanishing(files: Files) -> Options:
     return {"image": photo}
 
 
+def _capture(files: Files) -> Options:
+    return {"camera": str(files.images), "target": TARGET}
+
+
+def _undistort(files: Files) -> Options:
+    straight = files.folder / "straight"
+    return {"images": [files.images / "00.png"], "camera": files.camera, "out": straight, "force": True}
+
+
 CASES: Mapping[str, Callable[[Files], Options]] = {
     "detect": _detect,
     "intrinsics": _intrinsics,
@@ -93,12 +102,12 @@ CASES: Mapping[str, Callable[[Files], Options]] = {
     "doctor": _doctor,
     "pose": _pose,
     "vanishing": _vanishing,
+    "capture": _capture,
+    "undistort": _undistort,
 }
 """Options by command, as Python takes them: a line for every command that gives a result."""
-OWED = frozenset(
-    {
-        "undistort",
-        "study methods",
-    }
-)
-"""Commands whose line is still to be written. None is added."""
+ANSWERS: Mapping[str, Options] = {
+    "study methods": {"noise": "0", "lens": "pinhole", "trials": 0, "views": 2},
+    "demo": {"views": 6},
+}
+"""Commands whose JSON is more than a result file, or another thing."""

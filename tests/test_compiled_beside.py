@@ -37,6 +37,15 @@ def test_where_nothing_is_compiled_no_process_starts(tmp_path: Path, monkeypatch
     assert not (tmp_path / "marks_a.done").exists()
 
 
+def test_the_first_compilation_is_told_once() -> None:
+    told: list[str] = []
+    with compiled_beside("json", first=lambda: told.append("first")):
+        assert told == []
+        compile_something()
+        compile_something()
+    assert told == ["first"]
+
+
 def test_a_compilation_starts_it_and_its_modules_are_imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     names = [module(tmp_path, name, MARK, monkeypatch) for name in ("marks_b", "marks_c")]
     with compiled_beside(*names) as other:

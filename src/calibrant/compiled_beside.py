@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from numba.core import event
@@ -21,15 +21,24 @@ LOOKS_S = 0.1
 
 
 class OtherProcess(event.Listener):
-    """Hears of Numba's compilations: the first one starts a process that imports the modules, which compiles them."""
+    """Hears of Numba's compilations: the first one starts a process that imports the modules, which compiles them.
 
-    def __init__(self, modules: Sequence[str]) -> None:
+    first: called then, with the compiler waiting.
+    """
+
+    def __init__(self, modules: Sequence[str], first: Callable[[], None]) -> None:
         self._modules = modules
+        self._first = first
+        self._heard = False
         self._process: subprocess.Popen[bytes] | None = None
 
     def on_start(self, event: event.Event) -> None:
         """A function is not in the cache."""
-        if self._process is None and sys.executable and _cores() > 1:
+        if self._heard:
+            return
+        self._heard = True
+        self._first()
+        if sys.executable and _cores() > 1:
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-c", f"import {', '.join(self._modules)}"],
                 env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
@@ -64,14 +73,16 @@ class OtherProcess(event.Listener):
 
 
 @contextmanager
-def compiled_beside(*modules: str) -> Iterator[OtherProcess]:
+def compiled_beside(*modules: str, first: Callable[[], None] = lambda: None) -> Iterator[OtherProcess]:
     """While the block compiles, another process compiles these modules; it ends with the block at the latest.
+
+    first: called when the first compilation begins, as it takes so long that a person should know.
 
     with compiled_beside("calibrant.optimize.linear_kernels") as other:
         ...  # load and use what is needed first
         other.wait()
     """
-    other = OtherProcess(modules)
+    other = OtherProcess(modules, first)
     event.register("numba:compile", other)
     try:
         yield other

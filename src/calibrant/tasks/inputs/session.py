@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from calibrant.data import CalibrationResult, Observations
     from calibrant.detection.subpixel.refinement import Refinement
 
-_LOADING = "Loading the solver (the first run compiles it, which takes half a minute) …"
+_LOADING = "Loading the solver (the first run compiles it, which takes up to half a minute) …"
+_FIRST_RUN = "Compiling for this machine: the first run takes up to half a minute longer than later ones …"
 POSE_SOLVER = ("calibrant.optimize.linear_kernels", "calibrant.optimize.pose_kernels")
 """Modules of the kernels for poses alone."""
 SOLVER = (
@@ -77,7 +78,7 @@ def detect_boards(
     wanted = parse_target(target)
     if isinstance(wanted, PointFolder):
         return read_beside(files, wanted, mirror_x=mirror_x, camera=camera)
-    with compiled_beside(*SOLVER) as other:
+    with compiled_beside(*SOLVER, first=lambda: listener.note(_FIRST_RUN)) as other:
         with listener.progress("Finding boards") as step:
             found = detect(
                 files,

@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -127,6 +128,50 @@ def test_machine_code_of_several_processes_gives_the_same_digits(tmp_path: Path,
         digits.append(subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout)
     assert len(digits[0]) > 1000
     assert digits[0] == digits[1]
+
+
+def compiled_functions() -> Iterator[tuple[str, ast.FunctionDef]]:
+    """Every kernel, as it is written, with the name of its file."""
+    for file in PACKAGE.rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            decorators = [ast.unparse(d) for d in getattr(node, "decorator_list", ())]
+            if isinstance(node, ast.FunctionDef) and any(d.startswith(("compiled", "njit")) for d in decorators):
+                yield file.name, node
+
+
+def test_kernels_are_compiled_once_and_without_sentences(tmp_path: Path) -> None:
+    """A first run waits for each: for one of several types, and for strings, which an error's sentence brings."""
+    script = (
+        "from numba.core import event\n"
+        "class Compilations(event.Listener):\n"
+        "    def on_start(self, e):\n"
+        "        f = e.data['dispatcher'].py_func\n"
+        "        print(f'{f.__module__}.{f.__qualname__}')\n"
+        "    def on_end(self, e): pass\n"
+        "event.register('numba:compile', Compilations())\n"
+        "import calibrant.calibrate.classical.planar_kernels\n"
+    )
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
+    compiled_now = done.stdout.split()
+    own = [name for name in compiled_now if name.startswith("calibrant.")]
+    assert len(own) == 4
+    assert len(set(own)) == 4
+    assert len(compiled_now) <= 12
+    assert not [name for name in compiled_now if ".unicode." in name or "raise_with" in name]
+
+
+def test_kernels_copy_arrays_by_element() -> None:
+    found = []
+    for file, function in compiled_functions():
+        for node in ast.walk(function):
+            if not isinstance(node, ast.Assign) or isinstance(node.value, ast.Constant):
+                continue
+            for target in node.targets:
+                parts = ast.walk(target.slice) if isinstance(target, ast.Subscript) else ()
+                if any(isinstance(part, ast.Slice) for part in parts) and ast.unparse(node.value) != "np.nan":
+                    found.append(f"{file}: {function.name}: {ast.unparse(node)}")
+    assert not found
 
 
 def test_where_sums_may_be_reordered_there_is_no_power() -> None:

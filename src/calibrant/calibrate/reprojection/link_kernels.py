@@ -7,16 +7,23 @@ arithmetic.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
-from calibrant.compiled import compiled
+from calibrant.compiled import compiled, compiled_part
 
 _c2, _c3, _c4 = (types.Array(types.float64, n, "C", readonly=True) for n in (2, 3, 4))  # writable arrays convert
 _f2, _f3, _f4 = types.float64[:, ::1], types.float64[:, :, ::1], types.float64[:, :, :, ::1]
 _flags = types.Array(types.boolean, 1, "C", readonly=True)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@compiled_part(types.void(_c2, _f2))
+def _copy(source, out):  # type: ignore[no-untyped-def]
+    for i in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            out[i, j] = source[i, j]
+
+
+@compiled_part(types.void(_c2, _f2))
 def _inverse(T, out):  # type: ignore[no-untyped-def]
     for i in range(3):
         total = 0.0
@@ -28,7 +35,7 @@ def _inverse(T, out):  # type: ignore[no-untyped-def]
     out[3, 3] = 1.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@compiled_part(types.void(_c2, _c2, _f2))
 def _product(A, B, out):  # type: ignore[no-untyped-def]
     for i in range(3):
         for j in range(4):
@@ -40,7 +47,7 @@ def _product(A, B, out):  # type: ignore[no-untyped-def]
     out[3, 3] = 1.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled_part(types.void(_f2, _c2, _f2))
 def _through_inverse(M, T, out):  # type: ignore[no-untyped-def]
     """M <- M [[-R^T, 0], [-R^T hat(t), -R^T]]: from the tangent of T to that of its inverse."""
     x, y, z = T[0, 3], T[1, 3], T[2, 3]
@@ -57,7 +64,7 @@ def _through_inverse(M, T, out):  # type: ignore[no-untyped-def]
         out[i, 0] += b * z - c * y
         out[i, 1] += c * x - a * z
         out[i, 2] += a * y - b * x
-    M[:] = out
+    _copy(out, M)
 
 
 @compiled(types.void(_c4, _flags, _f3, _f4))
@@ -72,14 +79,14 @@ def products(links, inverted, T, maps):  # type: ignore[no-untyped-def]
             if inverted[k]:
                 _inverse(links[k, e], factors[k])
             else:
-                factors[k] = links[k, e]
-        after[n] = 0.0
+                _copy(links[k, e], factors[k])
         for i in range(4):
-            after[n, i, i] = 1.0
+            for j in range(4):
+                after[n, i, j] = 1.0 if i == j else 0.0
         for k in range(n - 1, -1, -1):
             _product(factors[k], after[k + 1], after[k])
-        T[e] = after[0]
-        before[:] = after[n]
+        _copy(after[0], T[e])
+        _copy(after[n], before)
         for k in range(n):
             M = maps[e, k]
             for i in range(3):
@@ -97,7 +104,7 @@ def products(links, inverted, T, maps):  # type: ignore[no-untyped-def]
             if inverted[k]:
                 _through_inverse(M, links[k, e], inverse)
             _product(before, factors[k], turned)
-            before[:] = turned
+            _copy(turned, before)
 
 
 @compiled(types.void(_c3, _c2, _c4, _f3, _f2))

@@ -38,8 +38,10 @@ def _view(rows, local, parameters, T, theta, points, modes, uv, weight, first, n
     rows(n, parameters, p, predicted, J_point, index, J_local)
     H[:] = 0.0
     g[:] = 0.0
-    column[:6] = np.arange(6)
-    column[6 + local :] = 6 + k + np.arange(m)
+    for at in range(6):
+        column[at] = at
+    for mode in range(m):
+        column[6 + local + mode] = 6 + k + mode
     cost = 0.0
     for i in range(n):
         w = weight[first + i]

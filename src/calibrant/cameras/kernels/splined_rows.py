@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit, types
 
 from calibrant.cameras.kernels.contract import FAST, LOCAL_ROWS_ARGUMENTS, ROWS_ARGUMENTS
-from calibrant.compiled import compiled
+from calibrant.compiled import compiled_part
 
 LOCAL = 18
 """Parameters that one coordinate depends on: its focal length, its principal point and 16 control points."""
@@ -33,7 +33,7 @@ def _basis(t, w, d):  # type: ignore[no-untyped-def]
     d[2], d[3] = 0.5 * (-3.0 * t * t + 2.0 * t + 1.0), 0.5 * t * t
 
 
-@compiled(_PROJECT, fastmath=FAST)
+@compiled_part(_PROJECT, fastmath=FAST)
 def _project(n, parameters, p, uv, J_point, index, J_local, columns, count, spacing):  # type: ignore[no-untyped-def]
     fx, fy, cx, cy = parameters[0], parameters[1], parameters[2], parameters[3]
     nodes = columns * count
@@ -85,7 +85,7 @@ def _project(n, parameters, p, uv, J_point, index, J_local, columns, count, spac
     return unseen
 
 
-@compiled(_SPREAD)
+@compiled_part(_SPREAD)
 def _spread(n, parameters, p, uv, J_point, J_parameters, columns, count, spacing):  # type: ignore[no-untyped-def]
     """The rows with a column for every parameter."""
     k = 4 + 2 * columns * count

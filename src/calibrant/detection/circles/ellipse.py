@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.compiled import compiled
+from calibrant.compiled import compiled, compiled_part
 from calibrant.detection.circles.spots import Spots
 from calibrant.detection.subpixel.blurred_step import step_and_bell
 from calibrant.detection.subpixel.normal_equations import factor, products, solve
@@ -86,7 +86,7 @@ def _roots(shape: Array) -> Array:
     return np.stack([np.sqrt(np.maximum(P[:, 0, 0] - b**2, 1e-12)), b, c2], axis=1)
 
 
-@compiled(
+@compiled_part(
     "float64(float64[:, ::1], float64[::1], float64[:, ::1], float64[::1])",
     fastmath={"contract", "reassoc", "arcp", "nsz"},
     forceinline=True,
@@ -134,7 +134,7 @@ def _linearise(window, p, J, r):  # type: ignore[no-untyped-def]
     return total
 
 
-@compiled("float64[:, ::1](uint8[:, ::1], float64, float64[::1], float64, float64)")
+@compiled_part("float64[:, ::1](uint8[:, ::1], float64, float64[::1], float64, float64)")
 def _band(grey, darkness, p, band, room):  # type: ignore[no-untyped-def]
     """x, y and grey above darkness, (3, n), of pixels within `band` px of the outline and within `room` half axes."""
     h, w = grey.shape
@@ -166,7 +166,7 @@ def _band(grey, darkness, p, band, room):  # type: ignore[no-untyped-def]
     return window[:, :count].copy()
 
 
-@compiled("float64(float64[:, ::1], float64[::1], float64[:, ::1], float64)", forceinline=True)
+@compiled_part("float64(float64[:, ::1], float64[::1], float64[:, ::1], float64)", forceinline=True)
 def _descend(window, p, JtJ, enough):  # type: ignore[no-untyped-def]
     """Levenberg-Marquardt on p, in place, until steps fall below `enough` px; fills J^T J there; returns the cost."""
     n = window.shape[1]
@@ -183,7 +183,8 @@ def _descend(window, p, JtJ, enough):  # type: ignore[no-untyped-def]
         trial_cost = _linearise(window, trial, trial_J, trial_r)
         moved = abs(delta[0]) + abs(delta[1])
         if trial_cost < cost:
-            p[:] = trial
+            for i in range(len(p)):
+                p[i] = trial[i]
             cost = trial_cost
             J, trial_J, r, trial_r = trial_J, J, trial_r, r
             products(J, r, JtJ, Jtr)
@@ -197,7 +198,7 @@ def _descend(window, p, JtJ, enough):  # type: ignore[no-untyped-def]
     return cost
 
 
-@compiled("void(float64[:, ::1], float64[::1], float64[:, ::1], float64, float64[::1])", forceinline=True)
+@compiled_part("void(float64[:, ::1], float64[::1], float64[:, ::1], float64, float64[::1])", forceinline=True)
 def _sum_arcs(window, p, cofactors, variance, sums):  # type: ignore[no-untyped-def]
     """Fills sums (3,) of `robust_variance`."""
     n = window.shape[1]
@@ -226,7 +227,7 @@ def _fit(grey, uv, roots, room, blur, darkness):  # type: ignore[no-untyped-def]
     for i in range(n):
         p = fitted[i]
         p[0], p[1] = uv[i, 0], uv[i, 1]
-        p[2:5] = roots[i]
+        p[2], p[3], p[4] = roots[i, 0], roots[i, 1], roots[i, 2]
         p[5] = math.log(blur)
         radius = 1.0 / min(abs(p[2]), abs(p[4]))
         window = _band(grey, darkness, p, max(FIRST_BAND_PX, BLURS * blur), room[i])

@@ -23,7 +23,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.compiled import compiled
+from calibrant.compiled import compiled, compiled_part
 from calibrant.detection.subpixel.noise import noise_variance, raster_variance
 from calibrant.detection.subpixel.saddle import Refined
 
@@ -52,7 +52,7 @@ def refine(grey: Grey, uv: Array, half_px: Array, *, zero_zone_px: float = 0.0) 
     )
 
 
-@compiled("void(uint8[:, ::1], float64, float64, float64, float64, float64[::1])")
+@compiled_part("void(uint8[:, ::1], float64, float64, float64, float64, float64[::1])")
 def _equations(grey, x, y, half, zero, sums):  # type: ignore[no-untyped-def]
     """Fills sums (6,): N_xx, N_xy, N_yy, N (p - start) as two, and the number of pixels."""
     h, w = grey.shape
@@ -75,7 +75,7 @@ def _equations(grey, x, y, half, zero, sums):  # type: ignore[no-untyped-def]
             sums[5] += 1.0
 
 
-@compiled("float64(uint8[:, ::1], float64, float64, float64, float64, float64)")
+@compiled_part("float64(uint8[:, ::1], float64, float64, float64, float64, float64)")
 def _spread(grey, x, y, half, zero, variance):  # type: ignore[no-untyped-def]
     """Variance of the corner per axis, px^2, for noise of a variance."""
     h, w = grey.shape

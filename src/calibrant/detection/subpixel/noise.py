@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibrant.compiled import compiled
+from calibrant.compiled import compiled_part
 
 ROUNDING = 1.0 / 12.0
 """Variance of the rounding to whole grey levels: no picture has less."""
@@ -14,7 +14,7 @@ pixel as the mean of two, with weights f and 1 - f, and are blurred by that: I +
 factor of I'' varies by a quarter of the variance of f (1 - f), 1/180."""
 
 
-@compiled("float64(uint8[:, ::1], int64, int64, int64)")
+@compiled_part("float64(uint8[:, ::1], int64, int64, int64)")
 def noise_variance(grey, u0, v0, half):  # type: ignore[no-untyped-def]
     """Variance of the pixels' noise within `half` of a place, which lies further than that from the picture's border.
 
@@ -34,7 +34,7 @@ def noise_variance(grey, u0, v0, half):  # type: ignore[no-untyped-def]
     return max((np.median(values[:n]) / (6.0 * 0.6745)) ** 2, ROUNDING)
 
 
-@compiled("float64(uint8[:, ::1], int64, int64)")
+@compiled_part("float64(uint8[:, ::1], int64, int64)")
 def raster_variance(grey, u, v):  # type: ignore[no-untyped-def]
     """Variance of a pixel's grey value by where edges fall between pixels, grey levels squared; 0 on the border."""
     if u < 1 or v < 1 or u > grey.shape[1] - 2 or v > grey.shape[0] - 2:

@@ -20,7 +20,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.compiled import compiled
+from calibrant.compiled import compiled, compiled_part
 from calibrant.detection.subpixel.noise import noise_variance, raster_variance
 from calibrant.detection.subpixel.saddle import Refined
 
@@ -60,7 +60,7 @@ def refine(grey: Grey, uv: Array, half_px: Array) -> Refined:
     )
 
 
-@compiled("float64(uint8[:, ::1], float64, float64)")
+@compiled_part("float64(uint8[:, ::1], float64, float64)")
 def _bilinear(grey, u, v):  # type: ignore[no-untyped-def]
     i, j = int(u), int(v)
     a, b = u - i, v - j
@@ -69,7 +69,7 @@ def _bilinear(grey, u, v):  # type: ignore[no-untyped-def]
     return top * (1.0 - b) + low * b
 
 
-@compiled("void(float64[:, :, ::1], float64, float64, float64, float64)")
+@compiled_part("void(float64[:, :, ::1], float64, float64, float64, float64)")
 def _spread_bilinear(share, u, v, along_x, along_y):  # type: ignore[no-untyped-def]
     """Adds a sample's share (along_x, along_y) to the four pixels around it."""
     i, j = int(u), int(v)
@@ -81,7 +81,7 @@ def _spread_bilinear(share, u, v, along_x, along_y):  # type: ignore[no-untyped-
             share[j + dj, i + di, 1] += weight * along_y
 
 
-@compiled("float64(uint8[:, ::1], float64, float64, int64, int64)")
+@compiled_part("float64(uint8[:, ::1], float64, float64, int64, int64)")
 def _line(grey, x, y, half, angle):  # type: ignore[no-untyped-def]
     """Mean brightness of the line through a point."""
     total = 0.0
@@ -90,7 +90,7 @@ def _line(grey, x, y, half, angle):  # type: ignore[no-untyped-def]
     return total / (2 * half + 1)
 
 
-@compiled("UniTuple(int64, 2)(uint8[:, ::1], float64, float64, int64)")
+@compiled_part("UniTuple(int64, 2)(uint8[:, ::1], float64, float64, int64)")
 def _angles(grey, x, y, half):  # type: ignore[no-untyped-def]
     """Angles of the lightest and the darkest line through a point."""
     f = np.empty(ANGLES)
@@ -108,7 +108,7 @@ def _angles(grey, x, y, half):  # type: ignore[no-untyped-def]
     return lightest, darkest
 
 
-@compiled("boolean(uint8[:, ::1], float64, float64, int64, float64, int64, int64, float64[::1])")
+@compiled_part("boolean(uint8[:, ::1], float64, float64, int64, float64, int64, int64, float64[::1])")
 def _vertex(grey, x, y, half, spacing, lightest, darkest, row):  # type: ignore[no-untyped-def]
     """Fills row with the step to the vertex of R's paraboloid around (x, y) and its curvatures; False without one."""
     c = np.zeros(6)
@@ -129,7 +129,7 @@ def _vertex(grey, x, y, half, spacing, lightest, darkest, row):  # type: ignore[
     return True
 
 
-@compiled("float64(uint8[:, ::1], float64, float64, int64, float64, int64, int64, float64[::1], float64)")
+@compiled_part("float64(uint8[:, ::1], float64, float64, int64, float64, int64, int64, float64[::1], float64)")
 def _spread(grey, x, y, half, spacing, lightest, darkest, row, variance):  # type: ignore[no-untyped-def]
     """Variance of the vertex per axis, px^2, for noise of a variance."""
     reach = half + int(0.5 * PLACES * spacing) + 3

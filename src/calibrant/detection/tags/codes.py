@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.compiled import compiled
+from calibrant.compiled import compiled, compiled_part
 from calibrant.detection.detection import Grey
 from calibrant.detection.opencv import Markers, dictionary
 
@@ -86,7 +86,7 @@ def _outlines(ids: NDArray[np.int64], corners: Array, step: Array) -> NDArray[np
     return np.asarray(~(same & better).any(axis=1))
 
 
-@compiled("float64(uint8[:, ::1], float64, float64)")
+@compiled_part("float64(uint8[:, ::1], float64, float64)")
 def _bilinear(grey, u, v):  # type: ignore[no-untyped-def]
     """Grey value at a pixel; outside the image the nearest one's."""
     u = min(max(u, 0.0), grey.shape[1] - 1.001)
@@ -98,7 +98,7 @@ def _bilinear(grey, u, v):  # type: ignore[no-untyped-def]
     return top * (1.0 - b) + low * b
 
 
-@compiled("boolean(float64[:, ::1], float64[::1])")
+@compiled_part("boolean(float64[:, ::1], float64[::1])")
 def _from_unit_square(quad, H):  # type: ignore[no-untyped-def]
     """Fills H (8,) = a, b, c, d, e, f, g, h of u = (a x + b y + c) / (g x + h y + 1), v likewise (Heckbert 1989)."""
     d1x, d1y = quad[1, 0] - quad[2, 0], quad[1, 1] - quad[2, 1]
@@ -115,14 +115,14 @@ def _from_unit_square(quad, H):  # type: ignore[no-untyped-def]
     return True
 
 
-@compiled("float64(uint8[:, ::1], float64[::1], float64, float64)")
+@compiled_part("float64(uint8[:, ::1], float64[::1], float64, float64)")
 def _at(grey, H, x, y):  # type: ignore[no-untyped-def]
     """Grey value at a place of the unit square; beyond the horizon some value of the picture."""
     w = max(H[6] * x + H[7] * y + 1.0, 1e-3)
     return _bilinear(grey, (H[0] * x + H[1] * y + H[2]) / w, (H[3] * x + H[4] * y + H[5]) / w)
 
 
-@compiled("float64(uint8[:, ::1], float64[::1], int64)")
+@compiled_part("float64(uint8[:, ::1], float64[::1], int64)")
 def _ring(grey, H, side):  # type: ignore[no-untyped-def]
     """Mean grey value of the ring around."""
     out = RING_CELLS / side
@@ -134,7 +134,7 @@ def _ring(grey, H, side):  # type: ignore[no-untyped-def]
     return total / (4 * side)
 
 
-@compiled("float64(uint8[:, ::1], float64[::1], int64)")
+@compiled_part("float64(uint8[:, ::1], float64[::1], int64)")
 def _step(grey, H, side):  # type: ignore[no-untyped-def]
     """Mean step of grey across the outline, to either side."""
     out = STEP_CELLS / side
@@ -148,7 +148,7 @@ def _step(grey, H, side):  # type: ignore[no-untyped-def]
     return abs(total) / (4 * side)
 
 
-@compiled("boolean(uint8[:, ::1], float64[::1], int64, float64)")
+@compiled_part("boolean(uint8[:, ::1], float64[::1], int64, float64)")
 def _bordered(grey, H, side, ring):  # type: ignore[no-untyped-def]
     """Whether the outermost cells differ from the ring around, most of them to one side: what texture fails at once."""
     lighter, darker = 0, 0
@@ -163,7 +163,7 @@ def _bordered(grey, H, side, ring):  # type: ignore[no-untyped-def]
     return max(lighter, darker) >= (1.0 - MOST_BORDER) * 4 * side
 
 
-@compiled("void(uint8[:, ::1], float64[::1], float64[:, ::1])")
+@compiled_part("void(uint8[:, ::1], float64[::1], float64[:, ::1])")
 def _cells(grey, H, value):  # type: ignore[no-untyped-def]
     """Fills value (side, side) with the cells' mean grey values."""
     side = len(value)
@@ -174,7 +174,7 @@ def _cells(grey, H, value):  # type: ignore[no-untyped-def]
             value[j, i] = 0.2 * (total + _at(grey, H, x - d, y + d) + _at(grey, H, x + d, y + d))
 
 
-@compiled("Tuple((boolean, uint64))(float64[:, ::1], float64, int64)")
+@compiled_part("Tuple((boolean, uint64))(float64[:, ::1], float64, int64)")
 def _bits(value, ring, border):  # type: ignore[no-untyped-def]
     """Whether cells (side, side) have a marker's border, and the code within it."""
     side = len(value)
@@ -208,7 +208,7 @@ def _bits(value, ring, border):  # type: ignore[no-untyped-def]
     return wrong <= MOST_BORDER * count, code
 
 
-@compiled("int64(uint64)")
+@compiled_part("int64(uint64)")
 def _ones(c):  # type: ignore[no-untyped-def]
     """How many bits are set: sums of neighbouring bits, pairs, quadruples, then of all bytes."""
     c = c - ((c >> np.uint64(1)) & np.uint64(0x5555555555555555))
@@ -217,7 +217,7 @@ def _ones(c):  # type: ignore[no-untyped-def]
     return np.int64((c * np.uint64(0x0101010101010101)) >> np.uint64(56))
 
 
-@compiled("Tuple((int64, int64))(uint64, uint64[:, ::1], int64)")
+@compiled_part("Tuple((int64, int64))(uint64, uint64[:, ::1], int64)")
 def _look_up(code, codes, mended):  # type: ignore[no-untyped-def]
     """Id and turn of the marker nearest to a code; -1 when none is near enough."""
     best, which, turn = mended + 1, -1, 0

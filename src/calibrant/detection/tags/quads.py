@@ -17,7 +17,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.compiled import compiled
+from calibrant.compiled import compiled, compiled_part
 from calibrant.detection.detection import Grey
 from calibrant.opencv import cv2
 
@@ -88,7 +88,7 @@ def _around_crossings(dark):  # type: ignore[no-untyped-def]
     return crossing
 
 
-@compiled("int64(uint8[::1], int64, int64, int32[::1])")
+@compiled_part("int64(uint8[::1], int64, int64, int32[::1])")
 def _walk(crossing, stride, start, at):  # type: ignore[no-untyped-def]
     """Walks the outline that goes up from a crossing; the crossings go to `at` as far as there is room; how many.
 
@@ -133,7 +133,7 @@ def _walk(crossing, stride, start, at):  # type: ignore[no-untyped-def]
             return length
 
 
-@compiled("int64(int32[::1], int64, int64, float64[::1], float64[::1])")
+@compiled_part("int64(int32[::1], int64, int64, float64[::1], float64[::1])")
 def _middles(at, length, stride, xs, ys):  # type: ignore[no-untyped-def]
     """Fills xs, ys with the middles of an outline's cracks, px; the area inside, negative for a hole.
 
@@ -157,7 +157,7 @@ def _middles(at, length, stride, xs, ys):  # type: ignore[no-untyped-def]
     return 0 if winding or little else area
 
 
-@compiled("Tuple((int64, float64))(float64[::1], float64[::1], int64, int64, int64)")
+@compiled_part("Tuple((int64, float64))(float64[::1], float64[::1], int64, int64, int64)")
 def _farthest(x, y, n, start, stop):  # type: ignore[no-untyped-def]
     """Position between start and stop that lies farthest from their chord, and how far."""
     x0, y0 = x[start % n], y[start % n]
@@ -172,7 +172,7 @@ def _farthest(x, y, n, start, stop):  # type: ignore[no-untyped-def]
     return at, best / size
 
 
-@compiled("boolean(float64[::1], float64[::1], int64, int64[::1])")
+@compiled_part("boolean(float64[::1], float64[::1], int64, int64[::1])")
 def _four_corners(x, y, n, corner):  # type: ignore[no-untyped-def]
     """Fills corner (5,) with ascending positions, the last being the first plus n; False when two are one."""
     cx, cy = 0.0, 0.0
@@ -206,7 +206,7 @@ def _four_corners(x, y, n, corner):  # type: ignore[no-untyped-def]
     return True
 
 
-@compiled("float64(float64[::1], float64[::1], int64[::1])")
+@compiled_part("float64(float64[::1], float64[::1], int64[::1])")
 def _around(x, y, corner):  # type: ignore[no-untyped-def]
     """Length of the way around the corners."""
     n = corner[4] - corner[0]
@@ -217,7 +217,7 @@ def _around(x, y, corner):  # type: ignore[no-untyped-def]
     return total
 
 
-@compiled("void(float64[::1], float64[::1], int64, int64, int64, float64[::1])")
+@compiled_part("void(float64[::1], float64[::1], int64, int64, int64, float64[::1])")
 def _line(x, y, n, start, stop, line):  # type: ignore[no-untyped-def]
     """Fills line with a, b, c of a x + b y = c, a^2 + b^2 = 1, by total least squares over a side without its ends."""
     skip = int(STRAIGHT_PART * (stop - start)) + 1
@@ -242,7 +242,7 @@ def _line(x, y, n, start, stop, line):  # type: ignore[no-untyped-def]
     line[2] = line[0] * (x0 + mx) + line[1] * (y0 + my)
 
 
-@compiled("boolean(float64[:, ::1])")
+@compiled_part("boolean(float64[:, ::1])")
 def _well_shaped(quad):  # type: ignore[no-untyped-def]
     """Whether the corners turn one way, no side is much shorter than another, and they are no needle."""
     shortest, longest, total, twice_area = 1e9, 0.0, 0.0, 0.0
@@ -260,7 +260,7 @@ def _well_shaped(quad):  # type: ignore[no-untyped-def]
     return 0.5 * abs(twice_area) > LEAST_FILL * (0.25 * total) ** 2
 
 
-@compiled("boolean(float64[::1], float64[::1], int64, float64[:, ::1])")
+@compiled_part("boolean(float64[::1], float64[::1], int64, float64[:, ::1])")
 def _four_sides(x, y, n, quad):  # type: ignore[no-untyped-def]
     """Whether an outline of n points is a quadrilateral; fills its corners (4, 2) in the outline's order."""
     corner = np.empty(5, np.int64)
@@ -308,10 +308,13 @@ def _quads(crossing):  # type: ignore[no-untyped-def]
             continue
         if count == len(quads):
             larger = np.empty((2 * count, 4, 2))
-            larger[:count] = quads
+            for k in range(count):
+                for corner in range(4):
+                    larger[k, corner, 0], larger[k, corner, 1] = quads[k, corner, 0], quads[k, corner, 1]
             quads = larger
         for k in range(4):
             # Holes are walked the other way round.
-            quads[count, k] = quad[k if area > 0 else 3 - k]
+            corner = k if area > 0 else 3 - k
+            quads[count, k, 0], quads[count, k, 1] = quad[corner, 0], quad[corner, 1]
         count += 1
-    return quads[:count].copy()
+    return quads[:count]

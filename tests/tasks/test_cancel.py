@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from tests.contracts.doors import TARGET, make_files
+from tests.contracts.doors_robots import ROBOT_CASES
 
 from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics
 from calibrant.cancel import Token, cancellable, checkpoint
@@ -20,10 +21,12 @@ from calibrant.errors import CalibrantError, CancelledError
 from calibrant.simulate.cell import poses_csv
 from calibrant.simulate.scenes import hand_eye_scene, intrinsics_scene
 from calibrant.tasks.cameras import intrinsics
-from calibrant.tasks.listener import Listener
+from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.fields import build
 from calibrant.tasks.options.images import PhotoOptions, SearchOptions
 from calibrant.tasks.options.poses import TargetPoseOptions
 from calibrant.tasks.outcome import Document
+from calibrant.tasks.registry import TASKS
 from calibrant.tasks.robots import doctor
 from calibrant.tasks.writing import write_documents
 
@@ -143,3 +146,19 @@ def test_documents_stop_between_two_and_none_is_left(tmp_path: Path) -> None:
         write_documents([Document(old, b"first"), second, third], force=True)
     assert old.read_text() == "mine"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.txt"]
+
+
+@pytest.mark.parametrize(
+    ("name", "phase"),
+    [("kinematics", "Identifying"), ("next-pose", "Planning"), ("time-offset", "Aligning"), ("dynamic", "Taking in")],
+)
+def test_work_on_robots_stops(name: str, phase: str, tmp_path: Path) -> None:
+    task = TASKS[name].load()
+    request = build(task.Request, ROBOT_CASES[name](make_files(tmp_path)))
+    task.run(request, SILENT)  # what a first run compiles is compiled
+    token = Token()
+    listener = CancelsAt(token, phase)
+    with cancellable(token), pytest.raises(CancelledError):
+        task.run(request, listener)
+    assert listener.asked > 0
+    assert time.perf_counter() - listener.asked < WITHIN

@@ -57,12 +57,12 @@ def test_position_from_pixel_and_depth() -> None:
 
 def test_chain_of_robot_and_camera() -> None:
     T_base_gripper = se3.exp(RNG.normal(size=6))
-    chain = uncertainty.of_chain([T_base_gripper, X])
-    assert (chain.parent, chain.child) == ("gripper", "camera")
-    np.testing.assert_allclose(chain.matrix, T_base_gripper @ X.matrix)
+    product = uncertainty.of_product([T_base_gripper, X])
+    assert (product.parent, product.child) == ("gripper", "camera")
+    np.testing.assert_allclose(product.matrix, T_base_gripper @ X.matrix)
     # An exact robot turns the error with it: the size of a point's error stays.
     p = np.array([0.2, 0.1, 0.6])
-    a, b = uncertainty.of_point(chain, p), uncertainty.of_point(X, p)
+    a, b = uncertainty.of_point(product, p), uncertainty.of_point(X, p)
     assert np.trace(a) == pytest.approx(np.trace(b))
 
 
@@ -80,6 +80,6 @@ def test_bad_input() -> None:
     with pytest.raises(InputError, match="gripper -> camera has no covariance"):
         uncertainty.of_point(as_transform("gripper", "camera", np.eye(4)), [0, 0, 1.0])
     with pytest.raises(InputError, match="at least one estimated transform"):
-        uncertainty.of_chain([np.eye(4)])
+        uncertainty.of_product([np.eye(4)])
     with pytest.raises(InputError, match="low <= high"):
         uncertainty.over_volume(X, [0, 0, 1], [0, 0, 0.5])

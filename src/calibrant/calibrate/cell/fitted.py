@@ -71,26 +71,26 @@ def pose_rows(cell: Cell, i: int, rows: Mask) -> dict[str, Rows]:
 
 def prediction(cell: Cell, value: Value, i: int, rows: Mask) -> Array:
     """T_camera_target (m, 4, 4) of the rows of list i by what the robots said."""
-    chain, values, _ = _chain(cell, value, i, rows)
-    return product(chain, values)
+    links, values, _ = _links_of(cell, value, i, rows)
+    return product(links, values)
 
 
 def pose_maps(cell: Cell, value: Value, i: int, rows: Mask) -> dict[str, Array]:
     """By robot, how the predicted T_camera_target answers an error of its poses, (m, 6, 6) or (6, 6)."""
-    chain, values, arms = _chain(cell, value, i, rows)
-    return {arms[k.variable]: m for k, m in zip(chain, link_maps(chain, values)) if k.variable in arms}
+    links, values, arms = _links_of(cell, value, i, rows)
+    return {arms[k.variable]: m for k, m in zip(links, link_maps(links, values)) if k.variable in arms}
 
 
-def _chain(cell: Cell, value: Value, i: int, rows: Mask) -> tuple[list[Link], list[Array], dict[str, str]]:
+def _links_of(cell: Cell, value: Value, i: int, rows: Mask) -> tuple[list[Link], list[Array], dict[str, str]]:
     """Links of list i's prediction at these rows, their values, and the robots by the name of their poses."""
     layout, p = cell.layout, cell.layout.pictures[i]
-    chain = layout.chain(p, pose_rows(cell, i, rows), int(rows.sum()))
+    links = layout.links(p, pose_rows(cell, i, rows), int(rows.sum()))
     arms = {poses_variable(robot): robot for robot in p.movers}
     values = [
         said_poses(cell, value, arms[k.variable])[k.indices] if k.variable in arms else value(k.variable)[k.indices]
-        for k in chain
+        for k in links
     ]
-    return chain, values, arms
+    return links, values, arms
 
 
 def robot_side(cell: Cell, value: Value, i: int, rows: Mask) -> Array:

@@ -53,7 +53,7 @@ def cell_result(
     """The result, whose verdict follows from its checks. asked: options that are not in the layout."""
     solution, layout = noise.solution, cell.layout
     held = leave_out(cell, solution)
-    seen, squares = _views(cell, solution)
+    seen, squares = _cell_views(cell, solution)
     views = (*seen, *left_out)
     transforms, sizes = _transforms(cell, solution), target_sizes(cell, start.data, solution)
     checks = _checks(cell, start, noise, held, views, transforms, sizes, numbering)
@@ -196,11 +196,11 @@ def _transforms(cell: Cell, solution: Solution) -> tuple[TransformEstimate, ...]
 def _between(solution: Solution, a: Frame, b: Frame) -> TransformEstimate:
     """T_a_b = T_parent_a^-1 T_parent_b with its covariance."""
     once = np.zeros(1, dtype=np.int64)
-    chain = [Link(variable(a), once, inverted=True), Link(variable(b), once)]
-    values = [solution.value(k.variable) for k in chain]
-    J = np.concatenate([M[0] for M in link_maps(chain, values)], axis=1)
-    C = J @ solution.joint_covariance([(k.variable, 0) for k in chain]) @ J.T
-    return as_transform(a[1], b[1], product(chain, values)[0], C)
+    links = [Link(variable(a), once, inverted=True), Link(variable(b), once)]
+    values = [solution.value(k.variable) for k in links]
+    J = np.concatenate([M[0] for M in link_maps(links, values)], axis=1)
+    C = J @ solution.joint_covariance([(k.variable, 0) for k in links]) @ J.T
+    return as_transform(a[1], b[1], product(links, values)[0], C)
 
 
 def _covariance_of_all(cell: Cell, solution: Solution) -> JointCovariance:
@@ -208,7 +208,7 @@ def _covariance_of_all(cell: Cell, solution: Solution) -> JointCovariance:
     return JointCovariance(frames, solution.joint_covariance([(variable(f), 0) for f in frames]))
 
 
-def _views(cell: Cell, solution: Solution) -> tuple[list[ViewResult], Array]:
+def _cell_views(cell: Cell, solution: Solution) -> tuple[list[ViewResult], Array]:
     """Every view with its residual in the fit, and the squared residual norms (N,) of all points, px^2."""
     out: list[ViewResult] = []
     every = [np.zeros(0)]

@@ -91,7 +91,7 @@ def calibrate_rig(
     Raises: InputError for unusable input; RefusedError when cameras share no moments or cannot be determined.
     """
     fit = fit_rig(observations, model=model, fix=fix, reference=reference)
-    result = stamp(review(_result(observations, fit, model, fix)))
+    result = stamp(review(_rig_result(observations, fit, model, fix)))
     refuse_if_failed(result)
     return result
 
@@ -109,7 +109,7 @@ def fit_rig(
     alone = {name: calibrate_keeping(observations.of_camera(name), model=model, fix=fix) for name in names}
     start = rig_start(alone, chosen)
     estimate = estimate_noise(
-        _problem(alone, start, chosen, fix),
+        _rig_problem(alone, start, chosen, fix),
         sigmas={_group(n): max(k.result.sigma_px or 0.0, SIGMA_FLOOR_PX) for n, k in alone.items()},
         floors={_group(n): SIGMA_FLOOR_PX for n in names},
         options=NEARLY_UNDAMPED,
@@ -171,27 +171,27 @@ def _best_pair(poses: Mapping[str, Mapping[str, Array]], placed: Mapping[str, Ar
     return Pair(a, b, count, robust_mean(Ta @ se3.inverse(Tb)))
 
 
-def _problem(alone: Mapping[str, Kept], start: RigStart, reference: str, fix: Sequence[str]) -> Problem:
+def _rig_problem(alone: Mapping[str, Kept], start: RigStart, reference: str, fix: Sequence[str]) -> Problem:
     place = {m: i for i, m in enumerate(start.moments)}
     variables = [Variable("T_rig_target", SE3(), start.T_rig_target, labels=start.moments, words="the target at")]
     factors = []
     for name, kept in alone.items():
         camera = kept.result.cameras[name]
-        chain = [Link("T_rig_target", np.array([place[v.moment] for v in kept.views]))]
+        links = [Link("T_rig_target", np.array([place[v.moment] for v in kept.views]))]
         if name != reference:
-            chain.insert(0, Link(_frame(name), np.zeros(len(kept.views), dtype=np.int64)))
+            links.insert(0, Link(_frame(name), np.zeros(len(kept.views), dtype=np.int64)))
             variables.append(Variable(_frame(name), SE3(), start.T_camera_rig[name][None], words=f"camera {name}"))
         manifold = camera_manifold(camera.model, fix, camera.values)
         variables.append(Variable(name, manifold, camera.values[None], words=f"the lens of {name}"))
         factors.append(
             ReprojectionFactor(
-                name, model=camera.model, camera=name, links=chain, views=kept.stacked, noise=_group(name)
+                name, model=camera.model, camera=name, links=links, views=kept.stacked, noise=_group(name)
             )
         )
     return Problem(tuple(variables), tuple(factors))
 
 
-def _result(observations: Observations, fit: RigFit, model: str, fix: Sequence[str]) -> CalibrationResult:
+def _rig_result(observations: Observations, fit: RigFit, model: str, fix: Sequence[str]) -> CalibrationResult:
     alone, start, estimate, reference = fit.alone, fit.start, fit.estimate, fit.reference
     solution = estimate.solution
     if solution.unobservable:
@@ -205,7 +205,7 @@ def _result(observations: Observations, fit: RigFit, model: str, fix: Sequence[s
         squares += float(r.sum())
         level = estimate.levels[_group(name)]
         weighted, freedom = weighted + level.sigma**2 * level.redundancy, freedom + level.redundancy
-        views += _views(kept, solution, name)
+        views += _rig_views(kept, solution, name)
         if name != reference:
             T = solution.value(_frame(name))[0]
             C = uncertainty.of_inverse(T, solution.covariance(_frame(name)))
@@ -227,7 +227,7 @@ def _result(observations: Observations, fit: RigFit, model: str, fix: Sequence[s
     )
 
 
-def _views(kept: Kept, solution: Solution, camera: str) -> list[ViewResult]:
+def _rig_views(kept: Kept, solution: Solution, camera: str) -> list[ViewResult]:
     """Every view of a camera with its residual in the fit; those left out alone stay as they were."""
     fitted = {v.id: seen for v, seen in zip(kept.views, seen_in_fit(solution, camera))}
     out = []

@@ -58,7 +58,7 @@ def of_point(transform: TransformEstimate, p_child: ArrayLike, *, of_p_child: Ar
     return uncertainty.of_point(transform.matrix, _spread(transform), p_child, of_p_b=of_p_child)
 
 
-def of_chain(transforms: Sequence[TransformEstimate | ArrayLike]) -> TransformEstimate:
+def of_product(transforms: Sequence[TransformEstimate | ArrayLike]) -> TransformEstimate:
     """The product of transforms with its covariance; plain matrices (a robot's pose) are taken as exact.
 
     The names of the frames at its ends come from the first and the last estimate.

@@ -53,7 +53,7 @@ def view_information(
     problem = cell_problem(cell, cell.placed(X, Z), levels, free_sizes=cell.layout.target_names)
     k = len(camera.values)
     sizes = (6, 6, 6, k, 1)
-    robot = slice(6, 12)  # after X, before Z, in the order of the chain
+    robot = slice(6, 12)  # after X, before Z, in the order of the links
     information = {}
     for number, factor in enumerate(problem.factors):
         blocks = factor.blocks(problem.gather(number, problem.start), sigma=levels[factor.noise])

@@ -187,8 +187,8 @@ def _covariance(J: Array, rows: Array, unknowns: int) -> Array:
 def _maps(setup: Setup, T_base_gripper: Array, X: Array, B: Array) -> tuple[Array, Array]:
     """(n, 6, 6) each: how d_i answers the tangent of T_base_gripper and of B."""
     rows = np.arange(len(B))
-    chain = [Link("A", rows, inverted=setup.robot_inverted), Link("X", rows), Link("B", rows)]
-    maps = link_maps(chain, [T_base_gripper, np.broadcast_to(X, B.shape), B])
+    links = [Link("A", rows, inverted=setup.robot_inverted), Link("X", rows), Link("B", rows)]
+    maps = link_maps(links, [T_base_gripper, np.broadcast_to(X, B.shape), B])
     return np.broadcast_to(maps[0], (len(B), 6, 6)), np.broadcast_to(maps[2], (len(B), 6, 6))
 
 

@@ -1,4 +1,4 @@
-"""A cell: which cameras, robots and targets there are, who is mounted where, and the chain of each picture.
+"""A cell: which cameras, robots and targets there are, who is mounted where, and the links of each picture.
 
     eye-in-hand  T_camera_target = T_gripper_camera^-1 T_base_gripper^-1 [T_root_base^-1] T_root_target
     eye-to-hand  T_camera_target = T_root_camera^-1 [T_root_base] T_base_gripper T_gripper_target
@@ -230,7 +230,7 @@ class Layout:
         camera, target = (gripper, base) if p.setup == IN_HAND else (base, gripper)
         return (camera, p.camera), (target, self.target(p))
 
-    def chain(self, p: Pictures, rows: Mapping[str, Indices], count: int) -> list[Link]:
+    def links(self, p: Pictures, rows: Mapping[str, Indices], count: int) -> list[Link]:
         """T_camera_target of `count` views at rows (count,) of the poses of each robot between camera and target."""
         once = np.zeros(count, dtype=np.int64)
         camera = self._reach(p.camera_robot, rows, once)

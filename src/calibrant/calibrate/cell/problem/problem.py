@@ -1,6 +1,6 @@
 """The weighted refinement of a cell, as one problem.
 
-    min sum_lists sum |project(theta_c, chain p_j) - uv|^2 / sigma_c^2
+    min sum_lists sum |project(theta_c, T_camera_target p_j) - uv|^2 / sigma_c^2
       + sum_robots sum |log(R_i R_i,said^T)|^2 / sigma_rot,r^2 + |t_i - t_i,said|^2 / sigma_trans,r^2
 
 over all transforms, the robots' true poses and the lenses. Pixels have a noise level a camera, poses two a robot. A
@@ -50,7 +50,7 @@ from calibrant.calibrate.cell.problem.layout import (
     poses_variable,
     variable,
 )
-from calibrant.calibrate.cell.problem.pose_pairs import ChainRotation, ChainTranslation
+from calibrant.calibrate.cell.problem.pose_pairs import MeasuredRotation, MeasuredTranslation
 from calibrant.calibrate.cell.problem.views import HandEyeViews, from_target_poses
 from calibrant.calibrate.reprojection.factor import ReprojectionFactor, TargetModes, stack
 from calibrant.calibrate.reprojection.links import Link
@@ -172,13 +172,13 @@ def _list_factors(cell: Cell, i: int, *, scale: bool) -> list[Factor]:
     if not ids:
         return []
     rows = {robot: places(cell.moments(robot), ids) for robot in p.movers}
-    links = cell.layout.chain(p, rows, len(ids))
+    links = cell.layout.links(p, rows, len(ids))
     size = scale_variable(p.target) if scale else None
     if p.seen is None:
         B, (rotation, translation) = data.B[data.use], cell.measured_noise(p)
         return [
-            ChainRotation(f"rotations {i}", links, B, noise=rotation),
-            ChainTranslation(f"translations {i}", links, B, noise=translation, scale=size),
+            MeasuredRotation(f"rotations {i}", links, B, noise=rotation),
+            MeasuredTranslation(f"translations {i}", links, B, noise=translation, scale=size),
         ]
     stacked = stack(cell.used_views(i))
     return [

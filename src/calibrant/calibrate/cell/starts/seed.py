@@ -145,16 +145,16 @@ def compare_methods(A: Array, B: Array) -> dict[str, MethodResult]:
         except RefusedError as error:
             table[name] = MethodResult(None, None, None, str(error))
             continue
-        table[name] = _row(found.X, found.loop)
+        table[name] = _method_result(found.X, found.loop)
     return table
 
 
 def method_result(A: Array, B: Array, X: Array) -> MethodResult:
     """A method's row of the table."""
-    return _row(X, loop_errors(A, B, X))
+    return _method_result(X, loop_errors(A, B, X))
 
 
-def _row(X: Array, loop: LoopErrors) -> MethodResult:
+def _method_result(X: Array, loop: LoopErrors) -> MethodResult:
     return MethodResult(X, loop.rms_mm, loop.rms_deg)
 
 

@@ -60,7 +60,8 @@ def test_photos_and_poses_to_the_camera_on_the_gripper(calibrant, cell, tmp_path
     assert "left out: left out" not in outcome.out
     result = cb.read(out)
     T = result.transform("gripper", "camera")
-    assert result.options["setup"] == "eye-in-hand"
+    assert result.decided["setup"] == "eye-in-hand"
+    assert result.options["setup"] == "auto"
     # 8 views of 0.05 mm and 0.01 degrees: 5 sigma and nothing on top.
     assert np.all(np.abs(1e3 * (T.matrix[:3, 3] - cell.X[:3, 3])) < 5 * T.sigma_translation_mm)
     assert np.linalg.norm(T.sigma_translation_mm) < 1.0
@@ -248,7 +249,7 @@ def test_pose_pairs_of_a_real_cell_in_the_right_setup_and_the_wrong(
 ) -> None:
     pairs = shared_data("handeye_moveit_poses") / "pose_samples.json"
     result = json.loads(calibrant("hand-eye", "--poses", pairs, "--json").out)
-    assert result["options"]["setup"] == "eye-to-hand"
+    assert result["decided"]["setup"] == "eye-to-hand"
     position = 1e3 * np.array(result["transforms"][0]["matrix"])[:3, 3]
     assert np.linalg.norm(position - [659.5, -250.1, 830.3]) < 1.5
     refused(calibrant("hand-eye", "--poses", pairs, "--setup", "eye-in-hand"), 1, "--setup eye-to-hand")

@@ -276,3 +276,9 @@ def test_scripts_run_without_an_error(pages: dict[str, str], kind: str, tmp_path
     assert 'data-exercised="yes"' in done.stdout
     assert done.stdout.count("<option") > 14  # views and factors were filled in by the scripts
     assert 'fill="url(#hatch)"' in done.stdout
+
+
+def test_what_was_asked_stands_beside_what_was_decided() -> None:
+    result = CalibrationResult("hand-eye", "ok", options={"setup": "auto"}, decided={"setup": "eye-in-hand"})
+    assert "auto, decided: eye-in-hand" in report_page(result)
+    assert "decided" not in report_page(replace(result, options={"setup": "eye-in-hand"}))

@@ -101,7 +101,11 @@ def _coverage(look: Look) -> Block | None:
 
 def _origin(result: CalibrationResult) -> Block:
     asked = {name: _option_text(value) for name, value in result.options.items()}
-    decided = {OWN_OPTIONS.get(name, name): words for name, words in result.decided.items()}
+    # "auto, decided: eye-in-hand" where the request left it open.
+    decided = {
+        OWN_OPTIONS.get(name, name): words if asked.get(name, words) == words else f"{asked[name]}, decided: {words}"
+        for name, words in result.decided.items()
+    }
     return Block("origin", {"result": result, "options": asked | decided})
 
 

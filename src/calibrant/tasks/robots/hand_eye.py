@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
@@ -91,8 +91,8 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
         result,
         checks=checks,
         verdict=verdict_of(checks),
-        options={**result.options, **({"mirror_x": True} if request.search.mirror_x else {})},
-        decided={**result.decided, **_notations(lists, names)},
+        options=_asked(result, names, request),
+        decided={**_setups(result), **result.decided, **_notations(lists, names)},
         inputs=session.file_records(f for p in lists for f in p.files),
     )
     reviewed = request.volume.applied(session.with_misses(done))
@@ -190,6 +190,19 @@ def _calibrated_alone(part: ReadList, common: ListRequest, method: str) -> Calib
         fix=split_names(common.lens.fix),
         method=method,
     )
+
+
+def _asked(result: CalibrationResult, names: Names, request: Request) -> dict[str, object]:
+    """The options as the command has them: a setup that the data decided was not asked."""
+    alone = not isinstance(result.options.get("setup"), Mapping)
+    setup = names.setup if alone else {camera: names.setup_of(camera) for camera, _ in names.images}
+    return {**result.options, "setup": setup, **({"mirror_x": True} if request.search.mirror_x else {})}
+
+
+def _setups(result: CalibrationResult) -> dict[str, str]:
+    """The setup that was calibrated, of each camera where they are named."""
+    setup = result.options["setup"]
+    return {f"setup {name}": s for name, s in setup.items()} if isinstance(setup, Mapping) else {"setup": setup}
 
 
 def _notations(lists: Sequence[ReadList], names: Names) -> dict[str, str]:

@@ -21,6 +21,8 @@ FIRST = "<!-- drawn from the imports by docs/house.py -->"
 LAST = "<!-- to here -->"
 DRAWN = ("calibrate", "detection", "diagnose", "formats")
 """Packages whose rooms have a picture of their own."""
+EVERYWHERE = frozenset({"errors", "arrays"})
+"""What nearly every file imports: drawn, it would hide the rest."""
 
 Graph = Mapping[str, frozenset[str]]
 """Who imports whom, by name."""
@@ -222,7 +224,7 @@ def table(graph: Graph) -> list[str]:
             continue
         home = room.partition("/")[0]
         under = {other if other.partition("/")[0] == home else other.partition("/")[0] for other in graph[room]}
-        lines.append(f"| `{room}` | {purpose(room)} | {', '.join(sorted(under - {'errors'})) or '–'} |")
+        lines.append(f"| `{room}` | {purpose(room)} | {', '.join(sorted(under - EVERYWHERE)) or '–'} |")
     return lines
 
 
@@ -235,8 +237,8 @@ def inside(graph: Graph, package: str) -> Graph:
 def drawn() -> str:
     """What stands between the page's marks."""
     graph = downward(modules())
-    house = {name: used - {"errors"} for name, used in packages(graph).items() if name != "errors"}
-    lines = ["", "### The packages", "", "All use `errors`, which is not drawn.", "", *picture(house)]
+    house = {name: used - EVERYWHERE for name, used in packages(graph).items() if name not in EVERYWHERE}
+    lines = ["", "### The packages", "", "All use `errors` and `arrays`, which are not drawn.", "", *picture(house)]
     for package in DRAWN:
         lines += ["", f"### Inside `{package}`", "", *picture(inside(rooms(graph), package))]
     return "\n".join([*lines, "", "### Every room", "", *table(rooms(graph)), ""])

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibrant.cameras.model import REQUIRED, Array, CameraModel
+from calibrant.arrays import Array
+from calibrant.cameras.model import REQUIRED, CameraModel
 from calibrant.cameras.registry import camera_model
 from calibrant.errors import InputError
 

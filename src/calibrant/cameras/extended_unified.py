@@ -13,7 +13,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibrant.cameras.model import Array, Mask, finite_points
+from calibrant.arrays import Array, Mask
+from calibrant.cameras.model import finite_points
 from calibrant.cameras.radial import Radial, Shape, ray
 
 

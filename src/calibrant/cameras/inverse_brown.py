@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array, Mask
 from calibrant.cameras import plane_distortion
-from calibrant.cameras.model import Array, CameraModel, Mask, finite_points
+from calibrant.cameras.model import CameraModel, finite_points
 from calibrant.cameras.perspective import inverse_depth
 
 

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibrant.cameras.model import Array, Mask, finite_points
+from calibrant.arrays import Array, Mask
+from calibrant.cameras.model import finite_points
 from calibrant.cameras.plane_distortion import first_positive_root
 from calibrant.cameras.radial import Radial, Shape, ray
 

@@ -11,12 +11,10 @@ from collections.abc import Sequence
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array, Mask
 from calibrant.errors import InputError
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 COMPILED_PIXELS = 20_000
 """Pixels from which the compiled inverse pays: loading it costs more than NumPy needs for fewer."""

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibrant.cameras.model import Array, CameraModel, Projection, finite_points
+from calibrant.arrays import Array
+from calibrant.cameras.model import CameraModel, Projection, finite_points
 
 
 class Orthographic(CameraModel):

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibrant.cameras.model import Array, CameraModel, finite_points, matrix_of
+from calibrant.arrays import Array
+from calibrant.cameras.model import CameraModel, finite_points, matrix_of
 from calibrant.cameras.perspective import inverse_depth
 
 

@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibrant.cameras.model import Array, CameraModel, Mask, Projection, finite_points
+from calibrant.arrays import Array, Mask
+from calibrant.cameras.model import CameraModel, Projection, finite_points
 
 
 class Shape(NamedTuple):

@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibrant.cameras.model import Array, CameraModel, Mask, Projection, finite_points
+from calibrant.arrays import Array, Mask
+from calibrant.cameras.model import CameraModel, Projection, finite_points
 from calibrant.cameras.plane_distortion import Plane, solve_plane
 from calibrant.cameras.radial import ray
 from calibrant.errors import InputError

@@ -14,8 +14,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array, Mask
 from calibrant.cameras import plane_distortion
-from calibrant.cameras.model import Array, CameraModel, Mask, Projection, finite_points, matrix_of
+from calibrant.cameras.model import CameraModel, Projection, finite_points, matrix_of
 from calibrant.cameras.radial import ray
 
 

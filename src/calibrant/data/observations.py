@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from calibrant.arrays import Array
 from calibrant.cameras.camera import Camera
 from calibrant.errors import InputError
 from calibrant.geometry import se3
-
-Array = NDArray[np.float64]
 
 DEFAULT_CAMERA = "camera"
 

@@ -8,11 +8,12 @@ from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
+from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.data.cell_layout import CellLayout
 from calibrant.data.details import DETAILS
 from calibrant.data.format_one import FORMAT_ONE, from_format_one
-from calibrant.data.observations import DEFAULT_CAMERA, Array, Missed, Observations, View
+from calibrant.data.observations import DEFAULT_CAMERA, Missed, Observations, View
 from calibrant.data.poses import RobotPoses
 from calibrant.data.result_encoding import FORMAT
 from calibrant.data.results import (

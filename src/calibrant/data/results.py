@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.data.cell_layout import CellLayout
 from calibrant.data.cell_layout import SigmaRobot as SigmaRobot
@@ -19,7 +20,6 @@ from calibrant.data.observations import Observations
 from calibrant.data.poses import RobotPoses
 from calibrant.errors import InputError
 
-Array = NDArray[np.float64]
 Status = Literal["ok", "warn", "fail"]
 Verdict = Literal["ok", "warn", "refused"]
 D = TypeVar("D")

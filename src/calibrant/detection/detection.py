@@ -8,9 +8,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Grey
 from calibrant.targets.target import Target
-
-Grey = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, spline_filter
 
+from calibrant.arrays import Array
 from calibrant.opencv import cv2
-
-Array = NDArray[np.float64]
 
 SMOOTHING_PX = 1.0
 """Sigma of the picture's smoothing: its own sampling and the lens blur are of this size."""

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.detection.detection import Detection
 from calibrant.detection.images.files import VIDEOS, expand
 from calibrant.detection.images.images import load_grey, to_grey8
@@ -22,8 +23,6 @@ from calibrant.errors import InputError
 from calibrant.geometry.projective import apply_homography, homography
 from calibrant.opencv import cv2
 from calibrant.targets.target import Target
-
-Array = NDArray[np.float64]
 
 STILL_PART = 0.002
 """Of the image's width: a board that moved less since the last frame blurs by less than a pixel or two."""

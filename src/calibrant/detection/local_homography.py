@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from calibrant.arrays import Array
 
 # Fitted to this many nearest points: enough for 8 unknowns with some to average over, few enough to stay local.
 NEIGHBOURS = 16

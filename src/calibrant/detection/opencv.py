@@ -13,12 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.detection.detection import Grey
+from calibrant.arrays import Array, Grey
 from calibrant.opencv import cv2
 from calibrant.targets.charuco import Charuco
 from calibrant.targets.dictionaries import dictionary_name
-
-Array = NDArray[np.float64]
 
 VERSION = tuple(int(n) for n in cv2.__version__.split(".")[:2])
 # Before 4.14 its CharucoDetector counted from the corner of the top left pixel, unlike the rest of the library

@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
+from calibrant.arrays import Array
 from calibrant.data import CalibrationResult
 
 if TYPE_CHECKING:
@@ -16,8 +14,6 @@ if TYPE_CHECKING:
     from calibrant.calibrate.review.residuals import ViewResiduals
     from calibrant.diagnose.budget.workspace import WorkspaceUncertainty
     from calibrant.diagnose.loop import LoopView
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,15 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.cell.problem.layout import STANDING, Layout, Pictures
 from calibrant.calibrate.cell.stated import stated_layout
 from calibrant.calibrate.review.residuals import seen_poses
 from calibrant.data import CalibrationResult, TransformEstimate
 from calibrant.geometry import se3
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,14 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.data import DEFAULT_CAMERA, Missed, Observations, View
 from calibrant.errors import InputError
 from calibrant.formats.cameras.opencv_storage import read_yaml
 from calibrant.targets.point_folder import PointFolder
-
-Array = NDArray[np.float64]
 
 ENDINGS = (".yml", ".yaml")
 FEWEST_POINTS = 4

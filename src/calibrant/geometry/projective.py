@@ -11,12 +11,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.geometry import so3
-
-Array = NDArray[np.float64]
 
 _COLLINEAR = 1e-6
 """Width over length of a point set below which it is a line: a millionth of a board is far below any noise."""

@@ -18,12 +18,12 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.geometry import so3
 
-Array = NDArray[np.float64]
 AngleUnit = Literal["deg", "rad"]
 
 _SEQUENCES = ("xyz", "xzy", "yxz", "yzx", "zxy", "zyx", "xyx", "xzx", "yxy", "yzy", "zxz", "zyz")

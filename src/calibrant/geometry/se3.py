@@ -13,10 +13,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.geometry import so3
-
-Array = NDArray[np.float64]
 
 
 def make(R: ArrayLike, t: ArrayLike) -> Array:

@@ -10,9 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
-
-Array = NDArray[np.float64]
 
 _SMALL_ANGLE_SQ = 1e-8
 """Below this squared angle the Taylor series of the coefficients is exact to 1e-16 (next term ~ angle^4 / 120)."""

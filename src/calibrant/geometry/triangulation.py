@@ -7,12 +7,11 @@ A ray of NaN means that the view does not see the point. No check is made that a
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.geometry import se3
-
-Array = NDArray[np.float64]
 
 _PARALLEL = 1e-12
 """sin^2 of the angle between rays below which depth is lost: 1e-6 rad is a thousandth of a pixel at f = 1000 px."""

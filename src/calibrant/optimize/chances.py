@@ -16,9 +16,9 @@ from __future__ import annotations
 from math import exp, inf, lgamma, log, sqrt
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from calibrant.arrays import Array
 
 MAXWELL_MEDIAN = 1.5382
 """Median of the norm of a three-dimensional Gaussian vector, in sigmas."""

@@ -16,14 +16,11 @@ from itertools import pairwise
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array, Indices
 from calibrant.errors import InputError
 from calibrant.geometry import so3
 from calibrant.optimize.losses import Loss
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 EXACT = "prior"
 """Noise group of factors whose sigma is given and never estimated."""

@@ -12,15 +12,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.optimize.levenberg_marquardt import SolverOptions, solve
 from calibrant.optimize.losses import geman_mcclure, squared
 from calibrant.optimize.problem import Problem, Values
 from calibrant.optimize.solution import Solution
-
-Array = NDArray[np.float64]
 
 SHRINK = 1.4
 """Yang et al.'s factor: slow enough that a fit stays in the valley of the last one."""

@@ -22,11 +22,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.optimize.solution import Solution
-
-Array = NDArray[np.float64]
 
 WELL_KNOWN = 1000.0
 """Directions that rest on more numbers are not averaged over: they add less than a thousandth to a sigma."""

@@ -13,11 +13,9 @@ from math import isnan, prod
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array, Indices
 from calibrant.optimize.factors import FactorBlocks
 from calibrant.optimize.structure import Structure
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 PIVOT_TOLERANCE = 1e-14
 """A Cholesky pivot below this share of its diagonal is rounding (b^2 eps for b ~ 10), not information."""

@@ -15,11 +15,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
-
-Array = NDArray[np.float64]
 
 SQUARED, HUBER, CAUCHY, GEMAN_MCCLURE = range(4)
 

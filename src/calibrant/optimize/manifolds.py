@@ -14,12 +14,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
-
-Array = NDArray[np.float64]
 
 
 class Manifold(ABC):

@@ -17,15 +17,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibrant.optimize import level_spread
 from calibrant.optimize.factors import EXACT
 from calibrant.optimize.levenberg_marquardt import SolverOptions, solve, solve_again
 from calibrant.optimize.problem import Problem, Values
 from calibrant.optimize.solution import Solution
-
-Array = NDArray[np.float64]
 
 MAX_ROUNDS = 60
 TOLERANCE = 1e-3

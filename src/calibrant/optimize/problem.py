@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.optimize import linear
 from calibrant.optimize.factors import EXACT, Factor
@@ -17,7 +17,6 @@ from calibrant.optimize.losses import Loss
 from calibrant.optimize.manifolds import Variable
 from calibrant.optimize.structure import SHARED, Placement, Structure, analyse
 
-Array = NDArray[np.float64]
 Values = tuple[Array, ...]
 """Values of all variables, in the problem's order."""
 

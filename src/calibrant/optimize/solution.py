@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError, RefusedError
 from calibrant.optimize import linear, unobservable
 from calibrant.optimize.factors import EXACT
@@ -31,8 +32,6 @@ from calibrant.optimize.unobservable import Unobservable
 
 if TYPE_CHECKING:
     from calibrant.optimize.problem import Problem, Values
-
-Array = NDArray[np.float64]
 
 LEAST_OVER_ROUNDING = 10.0
 """An eigenvalue less than ten times what rounding may make of it says nothing: its sigma would be off by over 5 %."""

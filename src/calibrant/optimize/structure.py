@@ -22,10 +22,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Indices
 from calibrant.optimize.factors import Factor
 from calibrant.optimize.manifolds import Variable
-
-Indices = NDArray[np.int64]
 
 SHARED = -1
 

@@ -9,13 +9,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.geometry import so3
 from calibrant.optimize.solution import Solution
-
-Array = NDArray[np.float64]
 
 
 def of_function(solution: Solution, jacobians: Mapping[tuple[str, int], Array]) -> Array:

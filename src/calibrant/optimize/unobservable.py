@@ -12,16 +12,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.optimize.linear import Elimination
 from calibrant.optimize.manifolds import Variable
 from calibrant.optimize.structure import SHARED, Placement
 
 if TYPE_CHECKING:
     from calibrant.optimize.problem import Problem, Values
-
-Array = NDArray[np.float64]
 
 STRONG_SHARE = 0.2
 """A variable's part of a unit null vector that is worth naming: below, it only follows the others."""

@@ -9,12 +9,11 @@ outer rectangle; each fills the output image by its own fx, fy, cx, cy, and alph
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.errors import InputError
 
-Array = NDArray[np.float64]
 Size = tuple[int, int]
 
 BORDER_POINTS = 9

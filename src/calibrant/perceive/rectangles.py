@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Mask = NDArray[np.bool_]
+from calibrant.arrays import Mask
 
 _CELLS = 160
 """The search runs on a mask of about this many cells a side, and the edges are then moved pixel by pixel."""

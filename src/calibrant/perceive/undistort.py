@@ -15,13 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array, Mask
 from calibrant.cameras import Camera
 from calibrant.errors import InputError
 from calibrant.opencv import cv2
 from calibrant.perceive.rectangles import Rectangle, largest_rectangle
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 STEPS = 32
 """OpenCV's remap interpolates at 1/32 px."""

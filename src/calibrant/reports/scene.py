@@ -10,14 +10,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult
 from calibrant.diagnose.look import Look
 from calibrant.diagnose.loop import LoopView, target_outline
-
-Array = NDArray[np.float64]
 
 _DECIMALS = 7
 """A tenth of a micrometre: differences stay smooth when the page magnifies them a hundredfold."""

@@ -8,15 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Indices
 from calibrant.calibrate.review.residuals import ViewResiduals
 from calibrant.data import CalibrationResult, View
 from calibrant.diagnose.loop import LoopView, by_view
 from calibrant.reports.parts.rows import ViewRow, view_rows
 from calibrant.reports.pictures import data_uris
-
-Indices = NDArray[np.int64]
 
 _PICTURE_BUDGET = 3_000_000
 """Bytes of all pictures; with points and poses the file stays under 5 MB."""

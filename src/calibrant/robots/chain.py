@@ -13,9 +13,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

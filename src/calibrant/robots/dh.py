@@ -22,8 +22,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
-from calibrant.robots.chain import Array, Joint
+from calibrant.robots.chain import Joint
 from calibrant.robots.geometry import Parameter, ParametricChain, sliding, turning
 
 _SYMBOLS = ("a", "alpha", "d", "theta", "beta")

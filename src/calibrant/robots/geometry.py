@@ -14,8 +14,9 @@ from typing import Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array
 from calibrant.geometry import so3
-from calibrant.robots.chain import Array, KinematicChain
+from calibrant.robots.chain import KinematicChain
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from calibrant.arrays import Array
 from calibrant.geometry import se3
-from calibrant.robots.chain import Array, KinematicChain
+from calibrant.robots.chain import KinematicChain
 
 _LENGTH = 0.3
 """Metres that weigh as much as one radian: about an arm's lever, so that both kinds of error fall alike."""

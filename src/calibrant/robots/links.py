@@ -15,9 +15,10 @@ from typing import Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
-from calibrant.robots.chain import Array, Joint, KinematicChain
+from calibrant.robots.chain import Joint, KinematicChain
 from calibrant.robots.geometry import Parameter, ParametricChain, flange_rates, frame_about, sliding, turning
 
 _PARTS = tuple((f"{kind}{axis}", unit) for kind, unit in (("rotation ", "rad"), ("", "m")) for axis in "xyz")

@@ -15,9 +15,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
-from calibrant.robots.chain import Array, Joint, KinematicChain
+from calibrant.robots.chain import Joint, KinematicChain
 from calibrant.robots.geometry import Parameter, ParametricChain, across, sliding, turning
 
 _HOME = (

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.errors import InputError
 from calibrant.robots.chain import KinematicChain
 from calibrant.robots.inverse import solve_inverse
 from calibrant.simulate.scenes import Setup, gripper_poses, look_at_board
-
-Array = NDArray[np.float64]
 
 _STARTS = 6
 """Starts of the inverse kinematics for each pose; the family of arms in `robots.arms` has up to eight solutions."""

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.data import Observations, RobotPoses
 from calibrant.errors import InputError
@@ -27,8 +27,6 @@ from calibrant.simulate.scenes import Setup, observe, standard_camera, standard_
 from calibrant.targets import Target
 from calibrant.targets.registry import parse_target
 from calibrant.targets.target import Artwork
-
-Array = NDArray[np.float64]
 
 TARGET = "charuco:8x6:30mm:22mm:DICT_5X5_100"
 """Fills half to most of the image at the arm's working distances, on a sheet of A4."""

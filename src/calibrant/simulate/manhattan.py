@@ -11,10 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.opencv import cv2
-
-Array = NDArray[np.float64]
 
 _SAMPLES = 8
 """Along each side of a pixel on an edge."""

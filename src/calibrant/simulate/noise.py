@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array
 from calibrant.geometry import se3
-
-Array = NDArray[np.float64]
 
 
 def noisy_pixels(uv: ArrayLike, sigma_px: float, *, rng: np.random.Generator) -> Array:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import RectBivariateSpline
 
+from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.errors import InputError
 from calibrant.geometry import se3
@@ -22,8 +23,6 @@ from calibrant.opencv import cv2
 from calibrant.simulate.background import clutter
 from calibrant.simulate.texture import Texture, rasterise
 from calibrant.targets import Artwork
-
-Array = NDArray[np.float64]
 
 _NODE_STEP_PX = 8
 """Rays are computed at every 8th pixel; a cubic spline between them is true to 1e-4 px for lenses that project to

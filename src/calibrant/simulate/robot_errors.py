@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.data.joint_measurements import JointMeasurements
 from calibrant.geometry import se3, so3
 from calibrant.robots.geometry import ParametricChain
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

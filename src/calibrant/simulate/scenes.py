@@ -11,15 +11,14 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.data import Observations, RobotPoses
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
 from calibrant.simulate.noise import flipped_board, noisy_pixels, noisy_poses, shifted
 
-Array = NDArray[np.float64]
 Setup = Literal["eye-in-hand", "eye-to-hand"]
 
 IMAGE_SIZE = (1280, 1024)

@@ -13,11 +13,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.opencv import cv2
 from calibrant.targets import Artwork, Disc, MarkerArt, Polygon
-
-Array = NDArray[np.float64]
 
 _TEXELS = 4096
 """Texels along the longer side: three a pixel when the sheet fills a 1280 px image, well below an image's blur."""

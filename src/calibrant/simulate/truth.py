@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.stats import chi2
 
+from calibrant.arrays import Array
 from calibrant.data import TransformEstimate
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
-
-Array = NDArray[np.float64]
 
 CONFIDENCE = 0.99
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.classical import (
     ClassicalCalibration,
     Degenerate,
@@ -31,7 +31,6 @@ from calibrant.errors import CalibrantError, InputError, RefusedError
 from calibrant.geometry import se3
 from calibrant.studies.scenes import Case
 
-Array = NDArray[np.float64]
 Use = Literal["plane, one view", "depth, one view", "plane, all views"]
 USES: tuple[Use, ...] = ("plane, one view", "depth, one view", "plane, all views")
 RADIAL_ONLY = ("tangential", "k2", "k3")

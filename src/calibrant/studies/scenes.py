@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.cameras import Camera, camera_model
 from calibrant.data import Observations, View
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
 from calibrant.simulate.scenes import grid, observe
-
-Array = NDArray[np.float64]
 
 IMAGE_SIZE = (1280, 1024)
 FOCAL_PX = 1000.0

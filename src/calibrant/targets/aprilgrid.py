@@ -21,11 +21,12 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.targets.dictionaries import DICTIONARIES, dictionary_name
 from calibrant.targets.grid import parse_grid
 from calibrant.targets.lengths import check_length, format_length, parse_length
-from calibrant.targets.target import Array, Artwork, MarkerArt, Polygon, Target
+from calibrant.targets.target import Artwork, MarkerArt, Polygon, Target
 
 SYNTAX = (
     "aprilgrid:COLUMNSxROWS:TAG:SPACING:FAMILY[:border=1] with the spacing as a part of the tag, such as "

@@ -27,13 +27,14 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
 from calibrant.targets.dictionaries import dictionary_name
 from calibrant.targets.lengths import parse_coordinate, parse_length
 from calibrant.targets.marker import check_id
 from calibrant.targets.scale import format_scale, split_scale
-from calibrant.targets.target import Array, Artwork, MarkerArt, Target
+from calibrant.targets.target import Artwork, MarkerArt, Target
 from calibrant.targets.yaml_file import read_yaml
 
 SYNTAX = "bundle:FILE with a YAML file of markers and cubes, such as bundle:cube.yaml"

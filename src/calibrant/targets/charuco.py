@@ -14,11 +14,12 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.targets.dictionaries import DICTIONARIES, dictionary_name
 from calibrant.targets.grid import parse_grid
 from calibrant.targets.lengths import check_length, format_length, parse_length
-from calibrant.targets.target import Array, Artwork, MarkerArt, Polygon, Target
+from calibrant.targets.target import Artwork, MarkerArt, Polygon, Target
 
 SYNTAX = "charuco:COLUMNSxROWS:SQUARE:MARKER:DICTIONARY[:legacy][:inverted], such as charuco:5x7:40mm:20mm:DICT_6X6_250"
 

@@ -13,8 +13,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
-from calibrant.targets.target import Array, Artwork, Polygon, Target
+from calibrant.targets.target import Artwork, Polygon, Target
 
 
 @dataclass(frozen=True)

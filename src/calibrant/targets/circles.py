@@ -16,10 +16,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.targets.grid import parse_grid
 from calibrant.targets.lengths import check_length, format_length, parse_length
-from calibrant.targets.target import Array, Artwork, Disc, Target
+from calibrant.targets.target import Artwork, Disc, Target
 
 SYNTAX = (
     "circles:COLUMNSxROWS:SPACING[:asymmetric|:symmetric][:bigdot][:inverted][:dots=DIAMETER], such as "

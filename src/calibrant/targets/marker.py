@@ -14,10 +14,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.targets.dictionaries import DICTIONARIES, dictionary_name
 from calibrant.targets.lengths import check_length, format_length, parse_length
-from calibrant.targets.target import Array, Artwork, MarkerArt, Target
+from calibrant.targets.target import Artwork, MarkerArt, Target
 
 SYNTAX = "marker:SIDE:DICTIONARY:ID, such as marker:50mm:DICT_APRILTAG_36h11:10"
 

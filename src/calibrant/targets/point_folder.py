@@ -14,12 +14,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.targets import point_list
 from calibrant.targets.lengths import METRES_PER_UNIT
 from calibrant.targets.point_list import PointList
 from calibrant.targets.scale import format_scale, split_scale
-from calibrant.targets.target import Array, Artwork, Target
+from calibrant.targets.target import Artwork, Target
 
 SYNTAX = (
     f"{point_list.SYNTAX}; or points:DIR[:unit=mm] with a file beside each image, IMAGE.yml, of corners and obj in "

@@ -17,9 +17,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.targets.scale import format_scale, split_scale
-from calibrant.targets.target import Array, Artwork, Target
+from calibrant.targets.target import Artwork, Target
 
 SYNTAX = "points:FILE with a CSV file of x,y,z in metres, or x_mm,y_mm,z_mm, and id, such as points:target.csv"
 

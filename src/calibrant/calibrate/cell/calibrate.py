@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibrant.calibrate.cell.boards.alike import numbered_alike
 from calibrant.calibrate.cell.problem.camera_role import CameraRole
@@ -42,8 +41,6 @@ from calibrant.data import CalibrationResult, Check, Observations, RobotPoses, V
 from calibrant.data.verdicts import refuse_if_failed, stamp
 from calibrant.errors import InputError, RefusedError
 from calibrant.optimize.noise import NoiseEstimate
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

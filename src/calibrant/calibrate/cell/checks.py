@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.cell.loop.image_poses import ImagePoses
 from calibrant.calibrate.solvers.motion import MotionReport
 from calibrant.data import Check, Measured, SigmaRobot, TransformEstimate, ViewResult
@@ -16,8 +16,6 @@ from calibrant.optimize.solution import Solution
 
 if TYPE_CHECKING:
     from calibrant.calibrate.kinematics.identify import IdentifiedParameter
-
-Array = NDArray[np.float64]
 
 LOOP_WARN, LOOP_FAIL = 0.05, 0.30
 """Loop spread over the size of the motion: 5 % is 10 mm over 200 mm, 30 % is no agreement worth the name."""

@@ -9,16 +9,14 @@ that noise levels estimated too low (by few poses, or by a model that does not f
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array, Mask
 from calibrant.calibrate.cell.fitted import pose_maps, pose_noise, pose_rows, prediction
 from calibrant.calibrate.cell.problem.groups import pixel_group
-from calibrant.calibrate.cell.problem.problem import Cell, Mask
+from calibrant.calibrate.cell.problem.problem import Cell
 from calibrant.geometry import se3
 from calibrant.optimize.chances import CHI2_6_LIMIT, CHI2_6_MEDIAN
 from calibrant.optimize.solution import Solution
-
-Array = NDArray[np.float64]
 
 ROUNDING = 1e-12
 """Squared deviations (rad^2, m^2) below this are rounding, whose distribution means nothing."""

@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array, Mask
 from calibrant.calibrate.cell.problem.groups import geometry_variable, joint_group, lens_variable, robot_groups
 from calibrant.calibrate.cell.problem.layout import Frame, Pictures, poses_variable, variable
-from calibrant.calibrate.cell.problem.problem import Cell, Mask, Rows, places
+from calibrant.calibrate.cell.problem.problem import Cell, Rows, places
 from calibrant.calibrate.reprojection.links import Link, link_maps, product
 from calibrant.cameras import Camera
 from calibrant.geometry import se3
 from calibrant.optimize.solution import Solution
 
-Array = NDArray[np.float64]
 Value = Callable[[str], Array]
 """Values (count, …) of an unknown by its name: `Solution.value`, or of a step away from one."""
 

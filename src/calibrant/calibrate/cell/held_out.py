@@ -13,12 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array, Mask
 from calibrant.calibrate.cell.checks import LoopDeviations
 from calibrant.calibrate.cell.fitted import Value, fitted_transforms, prediction
 from calibrant.calibrate.cell.problem.fit_without import PoseShares, pose_shares
 from calibrant.calibrate.cell.problem.groups import lens_variable
 from calibrant.calibrate.cell.problem.layout import poses_variable
-from calibrant.calibrate.cell.problem.problem import Cell, Mask, cell_problem
+from calibrant.calibrate.cell.problem.problem import Cell, cell_problem
 from calibrant.cameras import Camera
 from calibrant.data import View
 from calibrant.geometry import se3
@@ -26,8 +27,6 @@ from calibrant.optimize import linear
 from calibrant.optimize.levenberg_marquardt import SolverOptions, solve
 from calibrant.optimize.problem import Problem, Values
 from calibrant.optimize.solution import Solution
-
-Array = NDArray[np.float64]
 
 ALONE = 30
 GROUPS = 10

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.cell.fitted import mounting, robot_side
 from calibrant.calibrate.cell.problem.problem import Cell
 from calibrant.calibrate.cell.starts.seed import compare_methods, mean_of_methods, method_result
@@ -17,8 +17,6 @@ from calibrant.data import CalibrationResult, Check, MethodResult, as_transform,
 from calibrant.errors import RefusedError
 from calibrant.geometry import se3
 from calibrant.optimize.solution import Solution
-
-Array = NDArray[np.float64]
 
 
 def normal_pairs(cell: Cell, solution: Solution, i: int) -> tuple[Array, Array]:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.cell.problem.camera_role import CameraRole, prior_camera
 from calibrant.calibrate.cell.problem.views import LEAST_SIGMA_PX, HandEyeViews
 from calibrant.calibrate.cell.problem.views import MINIMUM_POINTS as ENOUGH_POINTS
@@ -19,8 +19,6 @@ from calibrant.cameras import Camera
 from calibrant.data import Observations, RobotPoses, View, ViewResult
 from calibrant.errors import InputError
 from calibrant.optimize.losses import Loss, cauchy
-
-Array = NDArray[np.float64]
 
 ON_A_LINE = 1e-4
 """Scatter across over scatter along, below which points lie on a line: 0.01 mm on 100 mm, as flat as paper is."""

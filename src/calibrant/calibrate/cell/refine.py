@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.cell.consistency import inconsistent_views
 from calibrant.calibrate.cell.fitted import fitted_cameras, fitted_transforms
 from calibrant.calibrate.cell.problem.groups import geometry_variable, pictures_factor
@@ -18,8 +18,6 @@ from calibrant.calibrate.reprojection.outliers import mark
 from calibrant.errors import RefusedError
 from calibrant.optimize.noise import NoiseEstimate, estimate_noise
 from calibrant.optimize.solution import Solution
-
-Array = NDArray[np.float64]
 
 MAX_CLEANING_ROUNDS = 3
 MOST_LEFT_OUT = 1 / 3

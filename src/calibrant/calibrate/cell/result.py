@@ -8,8 +8,8 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.cell import checks as questions
 from calibrant.calibrate.cell.checks import LoopDeviations
 from calibrant.calibrate.cell.fitted import fitted_cameras, fitted_transforms, said_poses
@@ -38,8 +38,6 @@ from calibrant.data import (
 )
 from calibrant.optimize.noise import NoiseEstimate
 from calibrant.optimize.solution import Solution
-
-Array = NDArray[np.float64]
 
 
 def cell_result(

@@ -16,8 +16,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.cell.starts.medoid import robust_mean
 from calibrant.calibrate.intrinsics.one_model import Kept, calibrate_keeping
 from calibrant.calibrate.reprojection.factor import ReprojectionFactor, seen_in_fit
@@ -39,8 +39,6 @@ from calibrant.optimize import (
     estimate_noise,
     uncertainty,
 )
-
-Array = NDArray[np.float64]
 
 FEW_SHARED_MOMENTS = 5
 """Pairs with fewer common moments rest on single pictures: one blurred board bends the rig."""

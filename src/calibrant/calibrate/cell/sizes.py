@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibrant.calibrate.cell.fitted import fitted_transforms, mounting, robot_side
 from calibrant.calibrate.cell.held_out import CLOSE_ENOUGH, nearest_start
@@ -26,8 +25,6 @@ from calibrant.calibrate.solvers.setup import get_setup
 from calibrant.data import Measured
 from calibrant.optimize.levenberg_marquardt import solve
 from calibrant.optimize.solution import Solution
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,14 +15,13 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.classical.linear import SIGMAS, NullVector, least_squares, null_vector
 from calibrant.calibrate.classical.refusals import FRONTO_PARALLEL, T_X_ZERO, T_Y_ZERO, UNDETERMINED, Degenerate
 from calibrant.errors import InputError
 from calibrant.geometry import so3
 
-Array = NDArray[np.float64]
 Scale = Literal["t_y", "t_x", "norm"]
 
 OFF_CENTRE = 1e-6

@@ -15,16 +15,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.classical.alignment import Alignment
 from calibrant.calibrate.classical.linear import least_squares
 from calibrant.calibrate.classical.points import ClassicalCalibration
 from calibrant.calibrate.classical.radial import RadialModel, radial_camera
 from calibrant.calibrate.classical.refusals import BEHIND, NO_FOCAL_LENGTH, Degenerate
 from calibrant.geometry import se3
-
-Array = NDArray[np.float64]
 
 STEPS = 50
 """From the linear start five steps settle ordinary lenses."""

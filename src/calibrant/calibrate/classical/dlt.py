@@ -17,8 +17,9 @@ What is true of the slide is that noise enters K and R together, so that both ar
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array
 from calibrant.calibrate.classical.linear import UNSURE, NullVector, null_vector
 from calibrant.calibrate.classical.points import ClassicalCalibration, checked_pairs, dimension, image_centre
 from calibrant.calibrate.classical.refusals import (
@@ -32,8 +33,6 @@ from calibrant.calibrate.classical.refusals import (
 from calibrant.cameras import Camera
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
-
-Array = NDArray[np.float64]
 
 LEAST_POINTS = 6
 SECOND_SOLUTION = (

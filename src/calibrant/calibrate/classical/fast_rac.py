@@ -19,8 +19,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array, Mask
 from calibrant.calibrate.classical.alignment import (
     OFF_CENTRE,
     Alignment,
@@ -40,9 +41,6 @@ from calibrant.calibrate.classical.points import (
     image_centre,
 )
 from calibrant.calibrate.classical.refusals import NO_AXES, NOT_COPLANAR, T_Y_ZERO, UNDETERMINED, Degenerate
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 LEAST_POINTS = 5
 LEAST_ON_AXIS = 2

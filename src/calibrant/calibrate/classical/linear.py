@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from calibrant.arrays import Array
 
 RANK = 1e-9
 """Second smallest over largest singular value of a column-scaled system below which it has a second solution.

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.reprojection.factor import StackedViews
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
-
-Array = NDArray[np.float64]
 
 DEGENERATE_PIVOT = 1e-9
 """Pivot ratio of the normalised normal equations below which points lie on a line: their scatter is below 3e-5 of the

@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array
 from calibrant.calibrate.classical.refusals import COLLINEAR, TOO_FEW, Degenerate
 from calibrant.cameras import Camera
 from calibrant.errors import InputError
-
-Array = NDArray[np.float64]
 
 FLAT = 1e-6
 """Thickness over length of a point set below which it has none: no target is made to a millionth of its size."""

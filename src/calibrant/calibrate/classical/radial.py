@@ -15,13 +15,10 @@ from __future__ import annotations
 
 from typing import Literal, get_args
 
-import numpy as np
-from numpy.typing import NDArray
-
+from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.errors import InputError
 
-Array = NDArray[np.float64]
 RadialModel = Literal["division", "inverse_brown", "brown", "pinhole"]
 
 TERM = {"division": "l1", "inverse_brown": "k1", "brown": "k1"}

@@ -7,12 +7,11 @@ coefficients: no camera need be decomposed, and a lens with distortion need be u
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array
 from calibrant.calibrate.classical.refusals import PARALLEL_RAYS, Degenerate
 from calibrant.errors import InputError
-
-Array = NDArray[np.float64]
 
 PARALLEL = 1e-6
 """Smallest over largest singular value of a point's equations, about the angle between its rays in radians: 1e-6 is a

@@ -16,8 +16,9 @@ from collections.abc import Sequence
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array
 from calibrant.calibrate.classical import planar as planar_start
 from calibrant.calibrate.classical.alignment import FACING
 from calibrant.calibrate.classical.dlt import camera_of
@@ -43,7 +44,6 @@ from calibrant.errors import InputError
 from calibrant.geometry import se3
 from calibrant.geometry.projective import homographies
 
-Array = NDArray[np.float64]
 Skew = Literal["zero", "free"]
 
 LEAST_POINTS = 4

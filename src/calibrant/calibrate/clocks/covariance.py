@@ -18,11 +18,9 @@ of errors that a controller's own smoothing leaves. The one that leaves the offs
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.clocks.start import PoseSpline
-
-Array = NDArray[np.float64]
 
 
 def sandwich(J: Array, r: Array, by_robot: Array, *, spline: PoseSpline, t: Array, lags: int) -> Array:

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.clocks.covariance import sandwich
 from calibrant.calibrate.clocks.start import LEAST_SAMPLES, PoseSpline, shifts_by_speed
 from calibrant.calibrate.reprojection.links import inverse_map
@@ -32,8 +33,6 @@ from calibrant.optimize.factors import Factor
 from calibrant.optimize.manifolds import SE3, Euclidean, Variable
 from calibrant.optimize.noise import NoiseEstimate, NoiseLevel, estimate_noise
 from calibrant.optimize.problem import Problem
-
-Array = NDArray[np.float64]
 
 LOOP_ROTATION, LOOP_TRANSLATION = "loop rotation", "loop translation"
 _FLOORS = {LOOP_ROTATION: 1e-7, LOOP_TRANSLATION: 1e-7}

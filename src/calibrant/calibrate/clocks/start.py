@@ -10,15 +10,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import RefusedError
 from calibrant.geometry import rotations, se3, so3
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
-
-Array = NDArray[np.float64]
 
 LEAST_CORRELATION = 0.6
 """Angular speeds that belong together agree beyond this at their best shift; by chance 20 samples reach it in one of a

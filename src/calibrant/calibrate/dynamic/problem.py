@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.reprojection.factor import ReprojectionFactor, stack
 from calibrant.calibrate.reprojection.links import Link
 from calibrant.cameras import Camera
@@ -18,8 +19,6 @@ from calibrant.optimize.factors import Factor, RotationPrior, TranslationPrior
 from calibrant.optimize.manifolds import SE3, Euclidean, Variable
 from calibrant.optimize.problem import Problem, Values
 from calibrant.optimize.solution import Solution
-
-Array = NDArray[np.float64]
 
 PLACE, MOUNTING, TARGET, ROBOT_POSES = "T_base_external", "T_gripper_wrist", "T_base_target", "T_base_gripper"
 WRIST, EXTERNAL = "wrist camera", "external camera"

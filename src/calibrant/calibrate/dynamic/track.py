@@ -22,8 +22,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array
 from calibrant.calibrate.dynamic import problem as joint
 from calibrant.calibrate.dynamic.problem import SOURCES, Sight, WristCamera
 from calibrant.calibrate.pose.target_poses import target_poses
@@ -34,8 +35,6 @@ from calibrant.geometry import se3
 from calibrant.optimize.chances import chi2_tail
 from calibrant.optimize.levenberg_marquardt import solve
 from calibrant.optimize.solution import Solution
-
-Array = NDArray[np.float64]
 
 SURPRISING = 1e-4
 """Chance below which a view contradicts what was known: once in ten thousand good views."""

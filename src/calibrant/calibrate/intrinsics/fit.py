@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.reprojection.factor import ReprojectionFactor, StackedViews, stack
 from calibrant.calibrate.reprojection.held import camera_manifold
 from calibrant.calibrate.reprojection.links import Link
@@ -22,8 +23,6 @@ from calibrant.optimize.losses import Loss, cauchy, squared
 from calibrant.optimize.manifolds import SE3, Variable
 from calibrant.optimize.problem import Problem
 from calibrant.optimize.solution import Solution
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

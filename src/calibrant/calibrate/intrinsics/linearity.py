@@ -19,8 +19,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.intrinsics.fit import Fit, Start, refine
 from calibrant.calibrate.reprojection.factor import StackedViews
 from calibrant.calibrate.reprojection.held import expand_fix
@@ -28,8 +28,6 @@ from calibrant.calibrate.starts import any_lens as camera_start
 from calibrant.cameras import Camera, CameraModel
 from calibrant.data import Check
 from calibrant.geometry import se3
-
-Array = NDArray[np.float64]
 
 QUANTILE = 1.96
 GAMMA_WARN = QUANTILE

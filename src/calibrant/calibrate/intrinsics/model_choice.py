@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.classical import planar as planar_start
 from calibrant.calibrate.intrinsics.one_model import Kept, calibrate_keeping
 from calibrant.calibrate.pose.target_poses import target_poses
@@ -26,8 +26,6 @@ from calibrant.data import CalibrationResult, Check, HeldOut, Observations, verd
 from calibrant.data.details import ModelCandidate, ModelChoice
 from calibrant.data.results import Status
 from calibrant.errors import CalibrantError, InputError, RefusedError
-
-Array = NDArray[np.float64]
 
 AUTO = "auto"
 NARROW_DEG, WIDE_DEG = 35.0, 65.0

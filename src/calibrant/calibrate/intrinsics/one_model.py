@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.classical import planar as planar_start
 from calibrant.calibrate.classical.planar import PlaneViews
 from calibrant.calibrate.intrinsics.checks import intrinsics_checks, require_conditions
@@ -36,8 +37,6 @@ from calibrant.data.details import BentTarget, FreeTarget
 from calibrant.data.verdicts import refuse_if_failed, stamp
 from calibrant.errors import CalibrantError, InputError, RefusedError
 from calibrant.optimize.solution import Solution
-
-Array = NDArray[np.float64]
 
 FOCAL_LENGTH_GRID = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 8.0)
 """Focal lengths to try, in image widths, when the views do not show theirs: 90 to 7 degrees of view."""

@@ -15,8 +15,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array, Indices
 from calibrant.calibrate.classical import planar as planar_start
 from calibrant.calibrate.reprojection.factor import ReprojectionFactor, StackedViews, TargetModes
 from calibrant.calibrate.reprojection.links import Link
@@ -26,9 +26,6 @@ from calibrant.data.details import BentTarget, FreeTarget
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3, so3
 from calibrant.optimize import SE3, Euclidean, Factor, Manifold, Problem, Solution, Variable, VectorPrior, solve
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 FLAT = "flat"
 BEND, POINTS = "target shape", "target points"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibrant.calibrate.classical import planar as planar_start
 from calibrant.calibrate.reprojection.factor import StackedViews
@@ -12,8 +11,6 @@ from calibrant.calibrate.starts.with_depth import is_flat
 from calibrant.cameras import Camera, CameraModel
 from calibrant.data import Check
 from calibrant.errors import RefusedError
-
-Array = NDArray[np.float64]
 
 SUSPICIOUS_RMS_PX = 0.5
 """Detectors locate points to a few tenths of a pixel; a fit above this is at a wrong optimum or has a wrong model."""

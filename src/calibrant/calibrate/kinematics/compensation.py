@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array
 from calibrant.calibrate.kinematics.model import RobotModel
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3
 from calibrant.robots.inverse import solve_inverse
-
-Array = NDArray[np.float64]
 
 _ROUNDS = 50
 _SETTLED = 1e-12

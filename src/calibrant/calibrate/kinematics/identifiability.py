@@ -11,12 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array, Mask
 from calibrant.calibrate.kinematics.model import GROUPS, RobotModel
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 INDEPENDENT = 1e-3
 """Share of a column's effect that must be its own: an error of a kept parameter's effect below a thousandth would be

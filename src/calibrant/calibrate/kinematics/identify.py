@@ -13,8 +13,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array, Mask
 from calibrant.calibrate.kinematics.identifiability import select
 from calibrant.calibrate.kinematics.model import Gravity, ModelParameter, RobotModel, joint_terms
 from calibrant.calibrate.kinematics.problem import (
@@ -33,9 +33,6 @@ from calibrant.optimize.levenberg_marquardt import solve
 from calibrant.optimize.noise import NoiseLevel, estimate_noise
 from calibrant.robots.geometry import ParametricChain
 from calibrant.robots.limits import check_limits
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 WEAKEST = {"m": 0.010, "rad": np.deg2rad(1.0), "1": 0.02, "rad/Nm": 1e-4, "m/N": 1e-5}
 """Largest sigma of a robot parameter worth fitting. Arms are machined to tenths of millimetres and hundredths of

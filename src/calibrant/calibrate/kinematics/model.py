@@ -16,14 +16,14 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.geometry import se3
 from calibrant.robots.geometry import ParametricChain, flange_rates
 from calibrant.robots.links import LinkChain, Load
 
-Array = NDArray[np.float64]
 Group = Literal["base", "tool", "offsets", "geometry", "gear", "coupling", "elasticity"]
 GROUPS: tuple[Group, ...] = ("base", "tool", "offsets", "geometry", "gear", "coupling", "elasticity")
 """In the order in which they are preferred where two parameters have the same effect."""

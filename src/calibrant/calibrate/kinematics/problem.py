@@ -7,17 +7,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array, Mask
 from calibrant.calibrate.kinematics.model import RobotModel
 from calibrant.data.joint_measurements import JointMeasurements
 from calibrant.geometry import so3
 from calibrant.optimize.factors import Factor
 from calibrant.optimize.manifolds import Manifold, Variable
 from calibrant.optimize.problem import Problem
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 POSITION, ROTATION = "position", "rotation"
 FLOORS = {POSITION: 1e-8, ROTATION: 1e-8}

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.kinematics.identify import KinematicCalibration, figure
 from calibrant.calibrate.kinematics.problem import POSITION, ROTATION, ModelErrors
 from calibrant.data import (
@@ -20,8 +20,6 @@ from calibrant.data import (
 from calibrant.data.details import JointAxes, JointAxis, RobotParameter, RobotParameters, Triple
 from calibrant.optimize.noise import NoiseLevel
 from calibrant.robots.poe import ProductOfExponentials
-
-Array = NDArray[np.float64]
 
 HELD_OUT_FACTOR = 1.5
 """Held-out errors this many times those of the fit mean that the fit follows the noise: with twice as many numbers as

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.solvers.registry import SOLVERS
 from calibrant.data.joint_measurements import JointMeasurements
 from calibrant.errors import RefusedError
@@ -12,8 +12,6 @@ from calibrant.geometry import se3, so3
 from calibrant.robots.chain import Joint
 from calibrant.robots.geometry import ParametricChain
 from calibrant.robots.poe import ProductOfExponentials
-
-Array = NDArray[np.float64]
 
 _ROUNDS = 50
 """Alternations between base and tool; each shrinks the error by the ratio of tool to reach, a tenth or so."""

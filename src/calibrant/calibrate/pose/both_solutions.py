@@ -19,8 +19,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.pose.target_poses import TargetPoses, target_poses
 from calibrant.calibrate.reprojection.factor import stack
 from calibrant.calibrate.reprojection.outliers import CAUCHY_SCALE_SIGMAS, Marked, mark
@@ -30,8 +30,6 @@ from calibrant.data import View
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
 from calibrant.optimize.losses import cauchy
-
-Array = NDArray[np.float64]
 
 FEWEST_POINTS = 4
 ROBUST_FROM = 8

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.pose.both_solutions import FEWEST_POINTS, Poses, PoseSolution, ViewPose, Weakest, view_poses
 from calibrant.calibrate.reprojection.outliers import points_reason
 from calibrant.cameras import Camera
@@ -22,8 +22,6 @@ from calibrant.data import (
 )
 from calibrant.data.verdicts import stamp
 from calibrant.errors import InputError
-
-Array = NDArray[np.float64]
 
 CONFIDENCE = 0.99
 SECOND = " (second solution)"

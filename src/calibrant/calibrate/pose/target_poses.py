@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.classical import planar as planar_start
 from calibrant.calibrate.reprojection.factor import ReprojectionFactor, StackedViews, stack
 from calibrant.calibrate.reprojection.links import Link
@@ -27,8 +28,6 @@ from calibrant.optimize.levenberg_marquardt import solve
 from calibrant.optimize.losses import Loss
 from calibrant.optimize.manifolds import SE3, Variable, vector
 from calibrant.optimize.problem import Problem
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array, Indices
 from calibrant.calibrate.reprojection.links import Link, compiled_products, is_plain, link_maps, through_links
 from calibrant.cameras import CameraModel
 from calibrant.data import View
@@ -26,9 +26,6 @@ from calibrant.optimize.threads import over_range
 
 if TYPE_CHECKING:
     from calibrant.optimize.solution import Solution
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 SECONDS_PER_POINT = {"normal equations": 8e-8, "residuals": 1.5e-8}
 """Time of a point on one core, for the decision whether more cores pay. Nine parameters; more modes cost more."""

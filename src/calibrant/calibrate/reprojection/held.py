@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.cameras import CameraModel
 from calibrant.errors import InputError
 from calibrant.optimize.manifolds import Euclidean, Manifold, Subspace
-
-Array = NDArray[np.float64]
 
 GROUPS = {"tangential": ("p1", "p2"), "focal": ("fx", "fy"), "principal": ("cx", "cy")}
 ASPECT = "aspect"

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from calibrant.arrays import Array
 
 CAUCHY_SCALE_SIGMAS = 2.385
 """95 % efficiency on Gaussian noise (Zhang 1997, "Parameter estimation techniques", table 1)."""

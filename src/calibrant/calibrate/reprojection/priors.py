@@ -9,13 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.cameras import CameraModel
 from calibrant.cameras.splined import Splined
 from calibrant.optimize.factors import EXACT, Factor, FactorBlocks
-
-Array = NDArray[np.float64]
 
 GAUGE_SIGMA = 1e-3
 """A turn of the camera can be undone by the surface and all poses. The surface's shift and twist at its centre are held

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.reprojection.outliers import points_reason
 from calibrant.data import View, ViewResult
-
-Array = NDArray[np.float64]
 
 
 def fitted_view(

@@ -13,9 +13,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.data import View
-
-Array = NDArray[np.float64]
 
 
 def excess_sigma(squares: Array, sigma: Array, *, freedom: float) -> float:

@@ -13,12 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.review.residuals import ViewResiduals, camera_of, fitted_poses, structure_check, view_residuals
 from calibrant.data import CalibrationResult, Check
 from calibrant.errors import InputError
 from calibrant.geometry import se3
-
-Array = NDArray[np.float64]
 
 GRID = (12, 9)
 """Columns and rows of the occupancy map: cells about as big as a square of a board that fills the image."""

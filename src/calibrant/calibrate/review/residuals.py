@@ -17,11 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.data import CalibrationResult, Check, View, ViewResult
 from calibrant.errors import InputError
 from calibrant.optimize.chances import chi2_tail
-
-Array = NDArray[np.float64]
 
 _CELLS = (8, 6)
 """Columns and rows of the map: coarse enough for several points a cell, fine enough for a distortion's shape."""

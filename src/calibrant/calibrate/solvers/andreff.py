@@ -7,15 +7,13 @@ structure-from-motion", International Journal of Robotics Research 20(3), 2001.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.solvers.kronecker import linear_system
 from calibrant.calibrate.solvers.relative import PosePairs
 from calibrant.calibrate.solvers.solver import HandEyeSolver
 from calibrant.calibrate.solvers.translation import separable
 from calibrant.geometry import so3
-
-Array = NDArray[np.float64]
 
 
 def andreff(pairs: PosePairs) -> tuple[Array, None]:

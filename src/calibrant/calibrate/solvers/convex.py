@@ -19,15 +19,13 @@ equations of SO(3)); S. Boyd, L. Vandenberghe, "Convex Optimization", 2004, chap
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.solvers.kronecker import linear_system
 from calibrant.calibrate.solvers.relative import PosePairs
 from calibrant.calibrate.solvers.solver import HandEyeSolver
 from calibrant.errors import RefusedError
 from calibrant.geometry import se3, so3
-
-Array = NDArray[np.float64]
 
 BARRIER_END = 1e-8
 """Last weight of the barrier, Q scaled to a trace of 1: the dual is then within 10 times this of its optimum, and

@@ -6,15 +6,13 @@ K. Daniilidis, "Hand-eye calibration using dual quaternions", International Jour
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.solvers.quaternions import conjugate, product, pure
 from calibrant.calibrate.solvers.relative import PosePairs, RelativeMotions
 from calibrant.calibrate.solvers.solver import HandEyeSolver
 from calibrant.errors import RefusedError
 from calibrant.geometry import se3, so3
-
-Array = NDArray[np.float64]
 
 OUTLIER_SIGMAS = 3.0
 """Screws that disagree by more than 3 robust sigma are left out: of clean motions, 1 in 370."""

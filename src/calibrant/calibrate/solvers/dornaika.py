@@ -7,15 +7,13 @@ Automation 14(4), 1998.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.solvers.quaternions import left, right
 from calibrant.calibrate.solvers.relative import PosePairs
 from calibrant.calibrate.solvers.solver import HandEyeSolver
 from calibrant.calibrate.solvers.translation import with_translations
 from calibrant.geometry import so3
-
-Array = NDArray[np.float64]
 
 
 def dornaika(pairs: PosePairs) -> tuple[Array, Array]:

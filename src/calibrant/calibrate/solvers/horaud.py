@@ -6,15 +6,13 @@ R. Horaud, F. Dornaika, "Hand-eye calibration", International Journal of Robotic
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.solvers.quaternions import left, pure, right
 from calibrant.calibrate.solvers.relative import PosePairs
 from calibrant.calibrate.solvers.solver import HandEyeSolver
 from calibrant.calibrate.solvers.translation import separable
 from calibrant.geometry import so3
-
-Array = NDArray[np.float64]
 
 
 def horaud(pairs: PosePairs) -> tuple[Array, None]:

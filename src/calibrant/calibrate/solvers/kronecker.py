@@ -5,11 +5,9 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.solvers.relative import PosePairs
-
-Array = NDArray[np.float64]
 
 
 @lru_cache(maxsize=4)

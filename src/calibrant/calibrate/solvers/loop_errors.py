@@ -10,13 +10,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array
 from calibrant.calibrate.solvers.relative import PosePairs, pose_pairs, sample
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
-
-Array = NDArray[np.float64]
 
 START_CANDIDATES = 100
 """Samples tried as the start of a median: with a minority of wrong ones, some of a hundred are near the centre."""

@@ -20,13 +20,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from calibrant.calibrate.solvers.relative import Index, PosePairs, odd_part, pose_pairs, sample
+from calibrant.arrays import Array, Index
+from calibrant.calibrate.solvers.relative import PosePairs, odd_part, pose_pairs, sample
 from calibrant.data.results import Check
 from calibrant.errors import RefusedError
-
-Array = NDArray[np.float64]
 
 SIGMA_ROTATION = (5e-5, np.deg2rad(1.0))
 """Bounds of the rotation noise of a pose, rad. Below: no robot with a camera is better than 0.003 degrees, so data

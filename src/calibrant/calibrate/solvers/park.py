@@ -6,15 +6,11 @@ Robotics and Automation 10(5), 1994.
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from calibrant.arrays import Array
 from calibrant.calibrate.solvers.relative import PosePairs
 from calibrant.calibrate.solvers.solver import HandEyeSolver
 from calibrant.calibrate.solvers.translation import separable
 from calibrant.geometry import so3
-
-Array = NDArray[np.float64]
 
 
 def park(pairs: PosePairs) -> tuple[Array, None]:

@@ -16,11 +16,9 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from calibrant.arrays import Array, Index
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 MAX_PAIRS = 5000
 """All pairs up to here (100 poses). More pairs add time and next to no information: n poses hold n - 1 motions."""

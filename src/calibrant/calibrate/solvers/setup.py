@@ -13,11 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.reprojection.links import Link
 from calibrant.errors import InputError
 from calibrant.geometry import se3
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,12 @@ and Robotics 5(3), 2013.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.solvers.relative import PosePairs
 from calibrant.calibrate.solvers.solver import HandEyeSolver
 from calibrant.calibrate.solvers.translation import with_translations
 from calibrant.geometry import so3
-
-Array = NDArray[np.float64]
 
 
 def shah(pairs: PosePairs) -> tuple[Array, Array]:

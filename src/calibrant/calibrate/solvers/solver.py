@@ -11,16 +11,15 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array
 from calibrant.calibrate.solvers.loop_errors import LoopErrors, errors_of
 from calibrant.calibrate.solvers.motion import report_of
 from calibrant.calibrate.solvers.relative import PosePairs, pose_pairs
 from calibrant.calibrate.solvers.translation import separable
 from calibrant.errors import RefusedError
 from calibrant.geometry import so3
-
-Array = NDArray[np.float64]
 
 MISLED_FACTOR = 10.0
 """A method whose loop is this many times worse than a plain least-squares rotation on the same data has broken down:

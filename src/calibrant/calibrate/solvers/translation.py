@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.solvers.relative import PosePairs
 from calibrant.geometry import se3, so3
-
-Array = NDArray[np.float64]
 
 
 def with_translations(pairs: PosePairs, R_X: Array, R_Z: Array) -> tuple[Array, Array]:

@@ -7,14 +7,12 @@ Transactions on Robotics and Automation 5(3), 1989.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.solvers.relative import PosePairs
 from calibrant.calibrate.solvers.solver import HandEyeSolver
 from calibrant.calibrate.solvers.translation import separable
 from calibrant.geometry import so3
-
-Array = NDArray[np.float64]
 
 HALF_TURNS = (
     np.diag([1.0, 1.0, 1.0]),

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array, Indices
 from calibrant.calibrate.classical import planar as planar_start
 from calibrant.calibrate.reprojection import priors as model_priors
 from calibrant.calibrate.reprojection.factor import stack
@@ -26,9 +27,6 @@ from calibrant.cameras.splined import FAMILY
 from calibrant.data import Observations
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3, so3
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 SAMPLES = 3000
 """Rays to fit a model to: a profile of a few terms needs no more."""

@@ -15,14 +15,13 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.classical.planar import PlaneViews, in_plane, see_plane
 from calibrant.calibrate.reprojection.factor import StackedViews
 from calibrant.calibrate.starts import any_lens as camera_start
 from calibrant.cameras import Camera, CameraModel
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
-
-Array = NDArray[np.float64]
 
 FEWEST_POINTS = 4
 SPREAD_POINTS = 5

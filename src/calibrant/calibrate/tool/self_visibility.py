@@ -23,14 +23,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.data import TransformEstimate, View, as_transform
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3, so3
-
-Array = NDArray[np.float64]
 
 LEAST_FEATURES = 2
 DISAGREEMENT = 4.0

@@ -27,15 +27,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.data import RobotPoses, TransformEstimate
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3, so3
 from calibrant.optimize.chances import f_tail
-
-Array = NDArray[np.float64]
 
 LEAST_TOUCHES = 4
 """Three poses give 9 equations for 6 unknowns, but one bad touch among three cannot be told from the others."""

@@ -15,11 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.cameras import CameraModel
 from calibrant.detection.line_segments import Segments
 from calibrant.errors import InputError
-
-Array = NDArray[np.float64]
 
 ROUNDS = 3
 """g depends on n; from n of equal weights it settles in two rounds to rounding."""

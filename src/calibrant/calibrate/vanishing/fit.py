@@ -16,8 +16,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array, Indices
 from calibrant.calibrate.vanishing.circles import Circles
 from calibrant.calibrate.vanishing.search import FIRST_EXCESS_PX, GATE, Found, scaled_normals, spread, whitened
 from calibrant.optimize.factors import Factor, VectorPrior
@@ -25,9 +25,6 @@ from calibrant.optimize.levenberg_marquardt import solve
 from calibrant.optimize.manifolds import SO3, Variable, vector
 from calibrant.optimize.problem import Problem
 from calibrant.optimize.solution import Solution
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 ROUNDS = 30
 """Assignment, fit and noise in turn: they settle in five to fifteen."""

@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.vanishing.circles import Circles, great_circles, point_noise, straight
 from calibrant.calibrate.vanishing.fit import (
     Fit,
@@ -28,7 +29,6 @@ from calibrant.cameras import Camera
 from calibrant.detection.line_segments import Segments
 from calibrant.errors import InputError, RefusedError
 
-Array = NDArray[np.float64]
 Focal = Literal["known", "unknown"]
 
 AXES = ("x", "y", "z")

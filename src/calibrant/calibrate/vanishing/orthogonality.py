@@ -10,14 +10,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.vanishing.circles import Circles
 from calibrant.calibrate.vanishing.fit import Fit
 from calibrant.calibrate.vanishing.search import scaled_normals, whitened
 from calibrant.cameras import Camera
-
-Array = NDArray[np.float64]
 
 FEWEST_EDGES = 3
 """Two edges give a direction whatever they are; a third one has a say."""

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.vanishing.manhattan import AXES, Manhattan, vanishing_point
 from calibrant.calibrate.vanishing.orthogonality import RightAngle
 from calibrant.cameras import Camera
 from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Check, as_transform, verdict_of
 from calibrant.data.verdicts import stamp
 from calibrant.geometry import se3
-
-Array = NDArray[np.float64]
 
 WORDS = ("right", "down", "ahead")
 NOT_RIGHT_SIGMAS = 4.0

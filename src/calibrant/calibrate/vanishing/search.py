@@ -10,11 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.vanishing.circles import Circles
-
-Array = NDArray[np.float64]
 
 GATE = 3.0
 """Sigmas from a direction up to which an edge follows it: 0.3 % of those that do are lost."""

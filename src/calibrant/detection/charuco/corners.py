@@ -12,13 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.detection.detection import Grey
+from calibrant.arrays import Array, Grey
 from calibrant.detection.local_homography import LocalMaps, fit_local_maps
 from calibrant.detection.opencv import Markers, refine_corners, sample
 from calibrant.detection.subpixel.refinement import DEFAULT, Refinement, refine
 from calibrant.targets.charuco import Charuco
-
-Array = NDArray[np.float64]
 
 # How far the markers' corners and refined corners are trusted, px: contour corners are whole pixels on a blurred edge.
 MARKER_SIGMA_PX = 1.0

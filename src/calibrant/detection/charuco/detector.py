@@ -14,11 +14,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibrant.arrays import Grey
 from calibrant.cameras.camera import Camera
 from calibrant.detection.charuco.by_camera import agrees, maps_from_camera
 from calibrant.detection.charuco.corners import Corners, corner_anchors, corners_at, grow_corners, marker_anchors
 from calibrant.detection.charuco.reasons import why_not_found
-from calibrant.detection.detection import Detection, Grey
+from calibrant.detection.detection import Detection
 from calibrant.detection.opencv import Markers
 from calibrant.detection.subpixel.refinement import DEFAULT, Refinement
 from calibrant.detection.tags.agreement import agreeing_group, is_negative, read_markers

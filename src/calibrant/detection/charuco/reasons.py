@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array, Grey
 from calibrant.detection.charuco.size import size_seen
-from calibrant.detection.detection import Detection, Grey
+from calibrant.detection.detection import Detection
 from calibrant.detection.opencv import Markers
 from calibrant.detection.tags.codes import read_codes
 from calibrant.targets.charuco import Charuco
 from calibrant.targets.dictionaries import DICTIONARIES
 from calibrant.targets.lengths import format_length
-
-Array = NDArray[np.float64]
 
 # One of each family: the smaller dictionaries of a size are the first markers of its largest.
 _FAMILIES = (

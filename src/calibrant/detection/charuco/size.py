@@ -13,14 +13,11 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibrant.detection.opencv import Markers
 from calibrant.detection.tags.agreement import NEIGHBOUR_SQUARES, agreeing_group
 from calibrant.targets.charuco import Charuco
 from calibrant.targets.dictionaries import DICTIONARIES
-
-Array = NDArray[np.float64]
 
 LEAST_MARKERS = 6
 """Markers that must be seen and agree: fewer lie on boards of several widths."""

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.compiled import compiled, compiled_part
 
-Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
 SMOOTHING_PX = 1.0

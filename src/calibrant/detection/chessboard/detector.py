@@ -15,12 +15,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibrant.arrays import Grey
 from calibrant.detection.chessboard.candidates import MOST_CANDIDATES, find_corners
 from calibrant.detection.chessboard.grid import Grid, grow_grids, turned
 from calibrant.detection.chessboard.links import neighbours
 from calibrant.detection.chessboard.partial import Placed, place
 from calibrant.detection.chessboard.snap import steps_at
-from calibrant.detection.detection import Detection, Grey
+from calibrant.detection.detection import Detection
 from calibrant.detection.subpixel.refinement import DEFAULT, Refinement, refine
 from calibrant.detection.subpixel.saddle import Refined
 from calibrant.errors import InputError

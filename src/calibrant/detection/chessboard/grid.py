@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.compiled import compiled
 from calibrant.detection.chessboard.candidates import Corners
 from calibrant.detection.chessboard.snap import by_rows, drop_misfits, snap
 
-Array = NDArray[np.float64]
 Pool = tuple[Array, NDArray[np.int64]]
 """Saddles, and where each row of the image begins among them (`by_rows`)."""
 Walk = NDArray[np.int64]

@@ -19,12 +19,10 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array, Grey
 from calibrant.detection.chessboard.grid import Grid, turned
-from calibrant.detection.detection import Grey
 from calibrant.detection.opencv import sample
 from calibrant.targets.chessboard import Chessboard
-
-Array = NDArray[np.float64]
 
 LEAST_LINES = 4
 """Lines of corners that must lead to a side to judge it: three squares, of which one or two are dark."""

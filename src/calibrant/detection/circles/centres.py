@@ -18,9 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.geometry.projective import homography
-
-Array = NDArray[np.float64]
 
 HIGHEST_DEGREE = 6
 """Of the polynomial. Brown's k3 has degree 7, of which the first six leave next to nothing on a board."""

@@ -12,19 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from calibrant.arrays import Array, Grey
 from calibrant.detection.circles.centres import true_centres
 from calibrant.detection.circles.ellipse import refine_spots
 from calibrant.detection.circles.lattice import Lattice, grow_lattices
 from calibrant.detection.circles.placement import Placement, least_dots, place
 from calibrant.detection.circles.spots import Spots, find_spots
-from calibrant.detection.detection import Detection, Grey
+from calibrant.detection.detection import Detection
 from calibrant.detection.local_homography import fit_local_maps
 from calibrant.detection.opencv import shrink
 from calibrant.errors import InputError
 from calibrant.targets.circles import Circles
 from calibrant.targets.target import Target
-
-Array = NDArray[np.float64]
 
 FIRST_LONGEST_PX = 640
 """Longest side of the first scale: dots of a 20x20 grid that fills half of the picture still measure 8 px."""

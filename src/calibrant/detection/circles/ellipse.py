@@ -23,16 +23,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array, Grey
 from calibrant.compiled import compiled, compiled_part
 from calibrant.detection.circles.spots import Spots
 from calibrant.detection.subpixel.blurred_step import step_and_bell
 from calibrant.detection.subpixel.normal_equations import factor, products, solve
 from calibrant.detection.subpixel.robust_variance import GROUP_PX, sum_groups, variance_ratio
-
-Array = NDArray[np.float64]
-Grey = NDArray[np.uint8]
 
 PARAMETERS = 10
 MOST_STEPS = 15

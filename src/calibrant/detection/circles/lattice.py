@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from calibrant.arrays import Array
 from calibrant.compiled import compiled
 from calibrant.detection.circles.spots import Spots
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 NEAREST = 14

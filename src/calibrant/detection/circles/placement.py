@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import correlate2d
 
+from calibrant.arrays import Array
 from calibrant.detection.circles.lattice import Lattice
 from calibrant.geometry.projective import homography
 from calibrant.targets.circles import Circles
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 LEAST_SEEN = 0.8

@@ -10,13 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array, Grey
 from calibrant.compiled import compiled
 from calibrant.opencv import cv2
-
-Array = NDArray[np.float64]
-Grey = NDArray[np.uint8]
 
 CONTRAST = 6
 """Grey levels that a spot differs from the mean around it: twice the noise of a poor camera after smoothing."""

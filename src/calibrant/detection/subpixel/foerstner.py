@@ -21,14 +21,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array, Grey
 from calibrant.compiled import compiled, compiled_part
 from calibrant.detection.subpixel.noise import noise_variance, raster_variance
 from calibrant.detection.subpixel.saddle import Refined
-
-Array = NDArray[np.float64]
-Grey = NDArray[np.uint8]
 
 MOST_STEPS = 30
 SMALL_STEP_PX = 1e-3

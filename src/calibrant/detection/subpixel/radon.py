@@ -18,14 +18,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array, Grey
 from calibrant.compiled import compiled, compiled_part
 from calibrant.detection.subpixel.noise import noise_variance, raster_variance
 from calibrant.detection.subpixel.saddle import Refined
-
-Array = NDArray[np.float64]
-Grey = NDArray[np.uint8]
 
 ANGLES = 36
 """Every 5 degrees: the lightest line may lie anywhere within its squares."""

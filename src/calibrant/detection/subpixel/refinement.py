@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 
 if TYPE_CHECKING:
     from calibrant.detection.subpixel.saddle import Refined
-
-Array = NDArray[np.float64]
 
 METHODS = ("saddle", "foerstner", "radon")
 LEAST_WINDOW, MOST_WINDOW = 0.05, 0.5

@@ -30,13 +30,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array, Grey
 from calibrant.compiled import compiled, compiled_part
 from calibrant.detection.subpixel.blurred_step import step_and_bell
 from calibrant.detection.subpixel.normal_equations import factor, invert, products, solve
 from calibrant.detection.subpixel.robust_variance import GROUP_PX, sum_groups, variance_ratio
-
-Array = NDArray[np.float64]
-Grey = NDArray[np.uint8]
 
 WINDOW = 0.4
 """Half width of the window over the distance to the next corner, along each of the grid's directions: the rest keeps

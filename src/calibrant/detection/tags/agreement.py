@@ -7,12 +7,10 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from calibrant.detection.detection import Grey
+from calibrant.arrays import Array, Grey
 from calibrant.detection.local_homography import LocalMaps
 from calibrant.detection.opencv import Markers, marker_cells, sample
 from calibrant.targets.charuco import Charuco
-
-Array = NDArray[np.float64]
 
 # Markers are compared with those up to this many squares away: the diagonal neighbours and the next ones in the row.
 NEIGHBOUR_SQUARES = 2.1

@@ -11,7 +11,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.detection.detection import Detection, Grey
+from calibrant.arrays import Array, Grey
+from calibrant.detection.detection import Detection
 from calibrant.detection.local_homography import fit_local_maps
 from calibrant.detection.opencv import Markers
 from calibrant.detection.subpixel import saddle
@@ -21,8 +22,6 @@ from calibrant.detection.tags.search import efforts, find_markers
 from calibrant.errors import InputError
 from calibrant.targets.aprilgrid import TURNS, AprilGrid
 from calibrant.targets.target import Target
-
-Array = NDArray[np.float64]
 
 COARSE_SIDE_PX = 1000
 """The first search is in an image of about this many pixels: a 6x6 grid that fills half of it has tags of 60 px."""

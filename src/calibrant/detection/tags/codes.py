@@ -13,11 +13,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array, Grey
 from calibrant.compiled import compiled, compiled_part
-from calibrant.detection.detection import Grey
 from calibrant.detection.opencv import Markers, dictionary
 
-Array = NDArray[np.float64]
 Codes = NDArray[np.uint64]
 
 LEAST_CONTRAST = 8.0

@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.detection.detection import Detection, Grey
+from calibrant.arrays import Array, Grey
+from calibrant.detection.detection import Detection
 from calibrant.detection.opencv import Markers, marker_cells, sample
 from calibrant.detection.tags.agreement import map_from_unit_square
 from calibrant.detection.tags.quad_edges import refine_quads
@@ -18,8 +19,6 @@ from calibrant.errors import InputError
 from calibrant.targets.bundle import Bundle
 from calibrant.targets.marker import Marker
 from calibrant.targets.target import Target
-
-Array = NDArray[np.float64]
 
 COARSE_SIDE_PX = 800
 """The first search is in an image of about this many pixels: a marker that fills a tenth of it is read there."""

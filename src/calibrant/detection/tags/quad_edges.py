@@ -11,10 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.detection.detection import Grey
+from calibrant.arrays import Array, Grey
 from calibrant.detection.opencv import sample
-
-Array = NDArray[np.float64]
 
 PROFILES = 24
 """Along a side: about one a pixel of a small marker; their noise is independent when a pixel or more apart."""

@@ -15,13 +15,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array, Grey
 from calibrant.compiled import compiled, compiled_part
-from calibrant.detection.detection import Grey
 from calibrant.opencv import cv2
-
-Array = NDArray[np.float64]
 
 WINDOW_PX = 9
 """Side of the window whose extremes are compared: wider than the blur of an edge, and not much more than a marker's

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from calibrant.detection.detection import Grey
+from calibrant.arrays import Grey
 from calibrant.detection.opencv import Markers, shrink
 from calibrant.detection.tags.codes import read_codes
 from calibrant.detection.tags.quads import MIDDLE, find_quads

@@ -10,14 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.data import TransformEstimate
 from calibrant.errors import InputError
 from calibrant.optimize import uncertainty
-
-Array = NDArray[np.float64]
 
 
 def of_pixel(camera: Camera, p_camera: ArrayLike, *, of_p_camera: ArrayLike | None = None) -> Array:

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import splu
 
+from calibrant.arrays import Array
 from calibrant.calibrate.cell.problem.groups import (
     PIXEL,
     TARGET_ROTATION,
@@ -55,7 +56,6 @@ from calibrant.geometry import se3
 from calibrant.optimize.factors import Factor, FactorBlocks
 from calibrant.optimize.problem import Problem
 
-Array = NDArray[np.float64]
 Columns = dict[str, NDArray[np.int64]]
 
 INTRINSICS, TARGET, LEVELS = "intrinsics", "target", "uncertain noise levels"

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.cell.held_out import nearest_start
 from calibrant.calibrate.cell.problem.camera_role import CameraRole
 from calibrant.calibrate.cell.problem.groups import PHOTO_FLOORS, PIXEL, pixel_group, robot_groups
@@ -25,8 +25,6 @@ from calibrant.errors import InputError
 from calibrant.geometry import se3
 from calibrant.optimize.noise import estimate_noise
 from calibrant.optimize.problem import Problem, Values
-
-Array = NDArray[np.float64]
 
 LEVEL_START = (1e-3, 1e-3)
 """Radians and metres: where the levels of measured target poses are looked for."""

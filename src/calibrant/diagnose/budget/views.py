@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.cell.problem.camera_role import CameraRole
 from calibrant.calibrate.cell.problem.groups import PIXEL, pixel_group, robot_groups
 from calibrant.calibrate.cell.problem.layout import ONLY_ROBOT
@@ -21,8 +21,6 @@ from calibrant.calibrate.solvers.setup import Setup
 from calibrant.cameras import Camera
 from calibrant.data import DEFAULT_CAMERA, View
 from calibrant.optimize.factors import FactorBlocks
-
-Array = NDArray[np.float64]
 
 PIXELS, ROBOT_ROTATION, ROBOT_TRANSLATION = "pixels", "robot rotation", "robot translation"
 

@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.targets.lengths import parse_length
-
-Array = NDArray[np.float64]
 
 STEPS = (9, 9, 5)
 """Places along x, y, z: the uncertainty is a smooth function, its square about quadratic along every line."""

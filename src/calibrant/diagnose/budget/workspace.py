@@ -25,6 +25,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Check, Measured, verdict_of
 from calibrant.diagnose.budget.cell import TARGET_SIGMA, CameraBudget, ErrorBudget, cell_budgets
@@ -32,8 +33,6 @@ from calibrant.diagnose.budget.volume import STEPS, Volume, check_request, parse
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
 from calibrant.targets.lengths import parse_length
-
-Array = NDArray[np.float64]
 
 CONFIDENCE = 0.95
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from calibrant.calibrate.solvers.motion import motion_report
 from calibrant.data import Check
@@ -30,8 +30,6 @@ from calibrant.errors import RefusedError
 from calibrant.formats.poses.notations import PoseNotation
 from calibrant.geometry import se3
 from calibrant.optimize.chances import f_tail
-
-Array = NDArray[np.float64]
 
 EQUAL_P = 0.01
 """Notations whose loops differ by what happens once in a hundred times by chance fit equally well."""

@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.solvers.loop_errors import LoopErrors, errors_of, loop_consistency, loop_errors
 from calibrant.calibrate.solvers.motion import motion_report
 from calibrant.calibrate.solvers.park import park
@@ -25,7 +26,6 @@ from calibrant.errors import InputError
 from calibrant.formats.poses.notations import PoseNotation
 from calibrant.geometry import se3, so3
 
-Array = NDArray[np.float64]
 Setup = Literal["eye-in-hand", "eye-to-hand"]
 SETUPS: tuple[Setup, Setup] = ("eye-in-hand", "eye-to-hand")
 

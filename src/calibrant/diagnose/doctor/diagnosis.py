@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.cell.boards.turned import ViewsNumbered
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Check, Measured, Observations, RobotPoses, View, ViewResult, verdict_of
@@ -24,7 +24,6 @@ from calibrant.errors import InputError
 from calibrant.formats.poses.notations import PoseNotation
 from calibrant.geometry import se3
 
-Array = NDArray[np.float64]
 Asked = Setup | Literal["auto"]
 
 

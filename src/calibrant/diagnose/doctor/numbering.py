@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.cell.boards.numbering import congruence
 from calibrant.calibrate.cell.boards.turned import ViewsNumbered, board_turns, numbered_by_robot
 from calibrant.diagnose.conventions.hypotheses import SIEVE_DEG, SIEVE_RATIO
@@ -19,8 +19,6 @@ from calibrant.diagnose.doctor.evidence.finding import Finding
 from calibrant.diagnose.doctor.evidence.significance import CONVINCING, confidence
 from calibrant.formats.poses.notations import PoseNotation
 from calibrant.geometry import se3
-
-Array = NDArray[np.float64]
 
 
 def numbering_of(case: Case, complete: Sequence[PoseNotation]) -> ViewsNumbered | None:

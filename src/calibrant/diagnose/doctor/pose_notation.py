@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array, Index
 from calibrant.calibrate.cell.starts.robust import log_misfit, robust_fit
 from calibrant.calibrate.solvers.loop_errors import loop_consistency
 from calibrant.cancel import checkpoint
@@ -29,9 +29,6 @@ from calibrant.diagnose.doctor.faults.pairing import Order, congruent_orders
 from calibrant.errors import RefusedError
 from calibrant.formats.poses.notations import PoseNotation
 from calibrant.geometry import se3
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 ORDERS_TRIED = 2
 """Orders whose notations are solved, the most congruent ones."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.solvers.setup import Setup
 from calibrant.cameras import Camera
 from calibrant.cancel import checkpoint
@@ -19,8 +20,6 @@ from calibrant.errors import RefusedError
 from calibrant.geometry import se3, so3
 from calibrant.robots.chain import KinematicChain
 from calibrant.robots.inverse import solve_inverse
-
-Array = NDArray[np.float64]
 
 CANDIDATES = 300
 """More than 300 views lower what a plan of ten reaches by less than 2 % (benchmarks/next_pose.py)."""

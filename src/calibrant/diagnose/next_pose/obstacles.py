@@ -22,14 +22,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from calibrant.arrays import Array
 from calibrant.diagnose.budget.volume import parse_coordinate
 from calibrant.errors import InputError
 from calibrant.robots.chain import KinematicChain
 from calibrant.robots.geometry import ParametricChain
 from calibrant.targets.lengths import parse_length
 from calibrant.targets.yaml_file import parse_yaml
-
-Array = NDArray[np.float64]
 
 _SPACING = 0.5
 """Spheres along a link, in radii: half a radius apart they miss no more than 3 % of the radius between them."""

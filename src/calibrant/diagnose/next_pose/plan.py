@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.solvers.setup import Setup
 from calibrant.cameras import Camera
 from calibrant.cancel import checkpoint
@@ -29,8 +30,6 @@ from calibrant.diagnose.budget.workspace import point_jacobian, radius_mm, sigma
 from calibrant.diagnose.next_pose.candidates import Candidates
 from calibrant.errors import InputError
 from calibrant.geometry import se3
-
-Array = NDArray[np.float64]
 
 START_SIGMA = 1.0
 """Radians and metres that X and Z are known to before the first view: nothing, on the scale of a robot cell."""

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.cameras import Camera, camera_model
 from calibrant.cameras.plane_distortion import TERMS
 from calibrant.errors import InputError
 
-Array = NDArray[np.float64]
 Size = tuple[int, int]
 
 _LENSES = ("pinhole", "brown", "rational", "thin_prism", "tilted")

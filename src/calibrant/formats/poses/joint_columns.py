@@ -9,14 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.formats.poses.columns import name_and_unit
 from calibrant.formats.poses.raw import PoseOptions, RawPoses, Stated
 from calibrant.formats.poses.rows import PoseTable, numbers_of, plain_header
 from calibrant.robots.chain import KinematicChain
 from calibrant.robots.limits import LIMIT_SLACK, check_limits
-
-Array = NDArray[np.float64]
 
 _NUMBERED = re.compile(r"^(?P<stem>[a-z0-9]*joint[a-z]*|q|j|a|axis|theta)(?P<number>\d{1,2})$")
 _JOINT_ANGLES = ("auto", "deg", "rad")

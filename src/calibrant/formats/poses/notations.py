@@ -11,15 +11,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.data import RobotPoses
 from calibrant.errors import InputError
 from calibrant.formats.poses.columns import LENGTH_UNITS
 from calibrant.formats.poses.raw import PoseOptions, RawPoses
 from calibrant.geometry import rotations, se3
-
-Array = NDArray[np.float64]
 
 ROTATIONS = ("auto", "quat-xyzw", "quat-wxyz", "rotvec", *(f"euler:{o}" for o in rotations.EULER_ORDERS), "matrix")
 _CHOICES = {

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
-
-Array = NDArray[np.float64]
 
 QUATERNION_NORM_TOLERANCE = 0.01
 """Largest |norm - 1| of a quaternion whose four numbers were rounded to two decimals."""

@@ -7,14 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.formats.poses.columns import layout_of
 from calibrant.formats.poses.raw import NOTHING_STATED, QUATERNION_NORM_TOLERANCE, RawPoses, Stated, checked_quaternions
 from calibrant.geometry import rotations, se3
 
-Array = NDArray[np.float64]
 Cell = str | float | int | None
 
 MATRIX_TOLERANCE = 2e-3

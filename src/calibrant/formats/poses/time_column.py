@@ -6,13 +6,11 @@ import re
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.formats.poses.columns import name_and_unit
 from calibrant.formats.poses.rows import PoseTable, numbers_of
-
-Array = NDArray[np.float64]
 
 _TIME = re.compile(r"^(?:header)?(?:timestamp|time|stamp|t|secs?|seconds)(?P<unit>s|ms|us|ns)?$")
 _SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.formats.poses.joint_columns import poses_from_joints
 from calibrant.formats.poses.makers import merged, robot_format
@@ -17,8 +18,6 @@ from calibrant.formats.poses.read import read_table, refuse_ambiguous
 from calibrant.formats.poses.rows import PoseTable, raw_poses
 from calibrant.formats.poses.time_column import in_seconds, split_times
 from calibrant.robots.chain import KinematicChain
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,15 +13,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.formats.robots.urdf_tree import UrdfJoint, check_tree, listed, only_leaf, only_root
 from calibrant.geometry import rotations, se3
 from calibrant.robots.chain import Joint, KinematicChain
 from calibrant.robots.links import LinkChain, Load, Mover, as_links
-
-Array = NDArray[np.float64]
 
 _MOVING = ("revolute", "continuous", "prismatic")
 

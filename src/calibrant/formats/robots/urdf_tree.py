@@ -7,12 +7,8 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from calibrant.arrays import Array
 from calibrant.errors import InputError
-
-Array = NDArray[np.float64]
 
 _LISTED = 12
 """Names in a message: more scroll away."""

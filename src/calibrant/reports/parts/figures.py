@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.cameras.model import REQUIRED
 from calibrant.data import DEFAULT_CAMERA, CalibrationResult, MethodResult, SigmaRobot, TransformEstimate
 from calibrant.geometry import se3, so3
 from calibrant.reports.parts.numbers import Figure, plain, sigma_text, with_sigma
-
-Array = NDArray[np.float64]
 
 JOINT = "joint"
 """Name of the weighted joint refinement among the methods."""

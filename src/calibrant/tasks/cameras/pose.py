@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.tasks.inputs import session
 from calibrant.tasks.inputs.sources import Source
@@ -24,8 +25,6 @@ from calibrant.tasks.outcome import Document, Outcome
 if TYPE_CHECKING:
     from calibrant.cameras import Camera
     from calibrant.data import CalibrationResult, Observations, View
-
-Array = NDArray[np.float64]
 
 EXAMPLE = 'cb.pose("photo.png", camera="camera.json", target="chessboard:9x6:25mm")'
 

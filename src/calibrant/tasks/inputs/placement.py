@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.diagnose.budget.volume import parse_coordinate
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
 from calibrant.targets.lengths import parse_length
-
-Array = NDArray[np.float64]
 
 _EXAMPLE = "20mm,-60mm,50mm,0deg,0deg,23deg"
 

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.cell.boards.turned import (
     NAME,
     BoardTurns,
@@ -27,8 +27,6 @@ from calibrant.calibrate.solvers.motion import motion_report
 from calibrant.calibrate.solvers.setup import SETUPS, get_setup
 from calibrant.data import Check
 from calibrant.errors import RefusedError
-
-Array = NDArray[np.float64]
 
 
 def numbered_alike(

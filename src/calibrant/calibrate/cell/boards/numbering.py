@@ -24,11 +24,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.solvers.relative import odd_part, sample
 from calibrant.geometry import so3
 from calibrant.optimize.chances import MAXWELL_MEDIAN, f_tail
 
-Array = NDArray[np.float64]
 Steps = NDArray[np.intp]
 
 TRIPLES = 100

@@ -8,14 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.cell.boards.numbering import Numbering, find_numbering
 from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.calibrate.solvers.setup import Setup
 from calibrant.data import Check, Observations, View
 from calibrant.errors import RefusedError
 from calibrant.geometry import se3, so3
-
-Array = NDArray[np.float64]
 
 NAME = "board-numbering"
 MAY_LOOK_THE_SAME = ("chessboard", "circles")

@@ -18,9 +18,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.geometry import se3, so3
 
-Array = NDArray[np.float64]
 Groups = NDArray[np.intp]
 
 MAX_STEPS = 12

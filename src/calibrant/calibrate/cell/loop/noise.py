@@ -25,12 +25,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.cell.loop.fit import Model, fit_loop, linearised, moved, plain_model, scaled
 from calibrant.calibrate.reprojection.links import Link, link_maps
 from calibrant.calibrate.solvers.setup import Setup
 from calibrant.data import Measured
-
-Array = NDArray[np.float64]
 
 MAX_ROUNDS = 40
 """Scoring settles in five to ten rounds; a variance that goes to zero takes a few more to its floor."""

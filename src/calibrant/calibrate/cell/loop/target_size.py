@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.cell.loop.noise import LoopNoise, fit_loop_noise
 from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.calibrate.reprojection.factor import stack
 from calibrant.calibrate.solvers.setup import Setup
 from calibrant.cameras import Camera
 from calibrant.geometry import so3
-
-Array = NDArray[np.float64]
 
 LEAST_POSES = 4
 """Three poses are 18 numbers for 13 unknowns and three levels of noise."""

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.data import View
 from calibrant.optimize.manifolds import Euclidean
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

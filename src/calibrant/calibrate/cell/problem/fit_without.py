@@ -17,13 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.optimize import linear
 from calibrant.optimize.linear import NormalEquations
 from calibrant.optimize.problem import Values
 from calibrant.optimize.solution import Solution
 from calibrant.optimize.structure import SHARED
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,8 +19,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calibrant.arrays import Array, Mask
 from calibrant.calibrate.kinematics.identifiability import select
 from calibrant.calibrate.kinematics.identify import WEAKEST, IdentifiedParameter, figure
 from calibrant.calibrate.kinematics.model import RobotModel, joint_terms
@@ -33,9 +34,6 @@ from calibrant.optimize.manifolds import Euclidean, Variable
 from calibrant.optimize.solution import Solution
 from calibrant.robots.geometry import ParametricChain
 from calibrant.robots.limits import check_limits
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 KINDS = ("offsets", "gear", "coupling", "geometry")
 """What may be identified from pictures; elasticity needs masses, and poses of the whole working space."""

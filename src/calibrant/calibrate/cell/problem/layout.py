@@ -19,15 +19,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array, Indices
 from calibrant.calibrate.reprojection.links import Link
 from calibrant.data import DEFAULT_CAMERA, Observations, RobotPoses
 from calibrant.errors import InputError
 from calibrant.geometry import se3
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Frame = tuple[str, str]
 """(parent, child)."""
 

@@ -14,14 +14,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.reprojection import links as products
 from calibrant.calibrate.reprojection.links import Link
 from calibrant.geometry import so3
 from calibrant.optimize.factors import Factor
-
-Array = NDArray[np.float64]
 
 
 class MeasuredRotation(Factor):

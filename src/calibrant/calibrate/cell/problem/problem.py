@@ -19,6 +19,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array, Mask
 from calibrant.calibrate.cell.problem.camera_role import CameraRole
 from calibrant.calibrate.cell.problem.groups import (
     JOINTS,
@@ -60,8 +61,6 @@ from calibrant.optimize.factors import Factor, RotationPrior, TranslationPrior, 
 from calibrant.optimize.manifolds import SE3, Euclidean, Variable
 from calibrant.optimize.problem import Problem
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Rows = NDArray[np.int64]
 
 

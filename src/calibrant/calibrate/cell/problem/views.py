@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.data import Observations, RobotPoses, View
 from calibrant.errors import InputError
 from calibrant.geometry import se3
-
-Array = NDArray[np.float64]
 
 WEAK_LEAVE_OUT = 10**0.5
 """A view whose target pose is this many times less certain than the typical one carries a tenth of its information."""

@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.cell.problem.layout import HAND_TO_HAND, STANDING, Frame, Layout, Pictures
 from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.calibrate.cell.starts.hand_to_hand import hand_to_hand_start
@@ -24,8 +24,6 @@ from calibrant.data import Check
 from calibrant.errors import RefusedError
 from calibrant.geometry import se3
 from calibrant.geometry.frames import FrameGraph
-
-Array = NDArray[np.float64]
 
 LEVEL_START = (1e-3, 1e-3)
 """A milliradian and a millimetre: where no list of pictures tells by itself how well its loop closes."""

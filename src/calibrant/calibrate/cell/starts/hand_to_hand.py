@@ -19,12 +19,10 @@ from dataclasses import dataclass
 from itertools import permutations, product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import RefusedError
 from calibrant.geometry import se3, so3
-
-Array = NDArray[np.float64]
 
 LEAST_VIEWS = 5
 """Nine rotational and nine translational unknowns; five views leave some to tell a wrong minimum by."""

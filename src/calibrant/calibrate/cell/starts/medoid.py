@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.geometry import se3
-
-Array = NDArray[np.float64]
 
 
 def medoid(T: Array) -> Array:

@@ -19,13 +19,12 @@ from math import lgamma
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.cell.loop.fit import LoopFit, fit_loop
 from calibrant.calibrate.solvers.loop_errors import loop_consistency
 from calibrant.calibrate.solvers.relative import odd_part, sample
 from calibrant.geometry import se3, so3
 from calibrant.optimize.chances import CHI2_6_LIMIT, CHI2_6_MEDIAN, f_tail
-
-Array = NDArray[np.float64]
 
 TRIPLES = 200
 """Triples solved: with half of the views wrong one in eight is clean, so that none is has a chance of 1e-11; the

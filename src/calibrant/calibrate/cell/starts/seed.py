@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.cell.starts.robust import robust_fit
 from calibrant.calibrate.solvers.loop_errors import (
     LoopConsistency,
@@ -22,8 +23,6 @@ from calibrant.calibrate.solvers.setup import SETUPS, Setup
 from calibrant.data import Check, MethodResult
 from calibrant.errors import RefusedError
 from calibrant.optimize.chances import MAXWELL_MEDIAN
-
-Array = NDArray[np.float64]
 
 GROSS_SIGMAS = 8.0
 """A view this far from where the others put the target is a fault, not noise: P = 1e-13 for Gaussian noise, and the

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array, Index
 from calibrant.calibrate.cell.boards.turned import with_boards
 from calibrant.calibrate.cell.loop.noise import LoopNoise
 from calibrant.calibrate.cell.loop.target_size import target_size
@@ -20,10 +21,6 @@ from calibrant.data import Missed, Observations, RobotPoses, View
 from calibrant.diagnose.doctor.evidence.loop import Loop
 from calibrant.geometry import se3
 from calibrant.optimize.chances import f_tail
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
-
 
 TAIL = 2.0
 """Index of the heaviest tail that squared noise is taken to have, that of Student's t with four degrees of freedom:

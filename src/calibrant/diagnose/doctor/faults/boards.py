@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.cell.starts.robust import log_misfit, noise_freedom
 from calibrant.diagnose.doctor.evidence.case import Case, loop_of
 from calibrant.diagnose.doctor.evidence.finding import Finding
@@ -21,8 +21,6 @@ from calibrant.diagnose.doctor.evidence.loop import Evidence
 from calibrant.diagnose.doctor.evidence.significance import CONVINCING, confidence
 from calibrant.geometry import se3, so3
 from calibrant.optimize.chances import f_tail
-
-Array = NDArray[np.float64]
 
 SQUARE = 1e-3
 """Width and height of a grid that differ by less than this share are equal: then quarter turns are symmetries too."""

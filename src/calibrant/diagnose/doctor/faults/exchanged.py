@@ -9,13 +9,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.diagnose.doctor.evidence.case import Case
 from calibrant.diagnose.doctor.evidence.finding import Finding
 from calibrant.diagnose.doctor.evidence.loop import Evidence
 from calibrant.diagnose.doctor.evidence.significance import confidence
 from calibrant.geometry import se3
-
-Array = NDArray[np.float64]
 
 HALF_FIELD = np.deg2rad(45)
 """A target stands within 45 degrees of the axis, its origin included, with any but a fisheye lens."""

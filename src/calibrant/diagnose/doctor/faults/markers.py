@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.data import Measured, View
 from calibrant.diagnose.doctor.evidence.case import Case
 from calibrant.diagnose.doctor.evidence.finding import Finding
@@ -21,8 +22,6 @@ from calibrant.optimize.chances import t_tail
 
 if TYPE_CHECKING:
     from calibrant.targets.charuco import Charuco
-
-Array = NDArray[np.float64]
 
 PICTURES = 2
 """Pictures looked at again: each shows a dozen markers, and their corners are searched anew."""

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.cell.loop.fit import LoopFit, Model, fit_loop
 from calibrant.calibrate.cell.starts.robust import log_misfit
 from calibrant.diagnose.doctor.evidence.case import Case, loop_of
@@ -21,7 +22,6 @@ from calibrant.diagnose.doctor.evidence.loop import Evidence, Loop
 from calibrant.diagnose.doctor.evidence.significance import CONVINCING, confidence, nested_test
 from calibrant.geometry import se3
 
-Array = NDArray[np.float64]
 What = Literal["target", "camera"]
 KINDS: tuple[What, What] = ("target", "camera")
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array, Index
 from calibrant.calibrate.cell.starts.robust import relative_angles
 from calibrant.calibrate.solvers.relative import pair_indices
 from calibrant.diagnose.doctor.evidence.case import Case
@@ -20,9 +20,6 @@ from calibrant.diagnose.doctor.evidence.finding import Finding
 from calibrant.diagnose.doctor.evidence.loop import Evidence
 from calibrant.diagnose.doctor.evidence.significance import CONVINCING, confidence, ratio_test
 from calibrant.formats.poses.natural_order import natural_key
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 LEAST_VIEWS = 5
 """With four views the angles of a few pairs agree in a wrong order by chance."""

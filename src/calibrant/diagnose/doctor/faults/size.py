@@ -8,9 +8,7 @@ from __future__ import annotations
 
 from functools import partial
 
-import numpy as np
-from numpy.typing import NDArray
-
+from calibrant.arrays import Array
 from calibrant.calibrate.cell.loop.fit import fit_loop
 from calibrant.calibrate.solvers.loop_errors import loop_consistency
 from calibrant.data import Measured
@@ -20,8 +18,6 @@ from calibrant.diagnose.doctor.evidence.finding import Finding
 from calibrant.diagnose.doctor.evidence.loop import Evidence
 from calibrant.diagnose.doctor.evidence.significance import CONVINCING, confidence, student_test
 from calibrant.geometry import se3
-
-Array = NDArray[np.float64]
 
 MATTERS = 0.005
 """A printed board is off by up to 0.5 % (a printer's scaling, paper and humidity); more is a wrong size."""

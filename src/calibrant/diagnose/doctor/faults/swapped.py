@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.cell.starts.robust import log_misfit, noise_freedom
 from calibrant.diagnose.doctor.evidence.case import Case, loop_of
 from calibrant.diagnose.doctor.evidence.finding import Finding
@@ -14,8 +15,6 @@ from calibrant.diagnose.doctor.evidence.loop import Evidence
 from calibrant.diagnose.doctor.evidence.significance import confidence
 from calibrant.geometry import se3
 from calibrant.optimize.chances import f_tail
-
-Array = NDArray[np.float64]
 
 PLAUSIBLE = 1e-5
 """A pose in its new place must fit so well that one right view in a hundred thousand fits worse."""

@@ -10,8 +10,8 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.calibrate.cell.loop.fit import LoopFit, fit_loop
 from calibrant.data import Measured
 from calibrant.diagnose.doctor.evidence.case import Case, loop_of
@@ -20,8 +20,6 @@ from calibrant.diagnose.doctor.evidence.loop import Evidence
 from calibrant.diagnose.doctor.evidence.significance import CONVINCING, confidence, nested_test
 from calibrant.formats.poses.notations import PoseNotation
 from calibrant.geometry import se3
-
-Array = NDArray[np.float64]
 
 LEAST_VIEWS = 8
 """One more unknown and a velocity from neighbours need some views."""

@@ -26,7 +26,8 @@ FILES = sorted(FOLDER.glob("*.json"))
 FOUND = {
     "offset_s", "offset_sigma_s", "parameters", "axes", "rms_before", "rms_after", "sigma_px_of", "sigma_robot_of",
     "sigma_joint_deg", "pictures", "cameras", "camera", "pose_reading", "findings", "repaired", "loop_before",
-    "loop_after", "model_choice", "touched_point_mm", "off_mm", "shares", "valid_region", "without_source",
+    "loop_after", "model_choice", "touched_point_mm", "off_mm", "measurements", "shares", "valid_region",
+    "without_source",
 }  # fmt: skip
 """What format 1 kept among the options though nobody had asked it."""
 

@@ -57,6 +57,8 @@ def _decided(asked: Json, *, kind: str) -> Json:
     out: Json = {}
     if "camera" in asked:
         out["camera"] = asked.pop("camera")
+    if "measurements" in asked:
+        out["measurements"] = asked.pop("measurements")
     # The doctor is asked for a setup and decides it; only what it decided was written.
     if kind == "doctor" and "setup" in asked:
         out["setup"] = asked.pop("setup")

@@ -32,7 +32,7 @@ def finish(outcome: Outcome, call: Call) -> None:
     seen = _seen(outcome.result) if shown and outcome.result is not None else None
     written = write_documents(_documents(outcome, call, seen), force=outputs.force)
     if outputs.json:
-        sys.stdout.write(_answer_text(outcome))
+        sys.stdout.write(outcome.text())
     elif not outputs.silent:
         _show(outcome, seen)
         if written:
@@ -58,7 +58,7 @@ def _documents(outcome: Outcome, call: Call, seen: Look | None) -> Iterator[Docu
     """Every file of a command: the result, what stands beside it, what was asked for, and the report."""
     outputs = call.outputs
     if outputs.out is not None:
-        yield Document(outputs.out, partial(_answer_bytes, outcome))
+        yield Document(outputs.out, lambda: outcome.text().encode())
         for document in outcome.beside:
             yield replace(document, path=beside_of(outputs.out, document.path.name, force=outputs.force))
     yield from outcome.documents
@@ -70,21 +70,6 @@ def _seen(result: CalibrationResult) -> Look:
     from calibrant.diagnose.look import look
 
     return look(result)
-
-
-def _answer_text(outcome: Outcome) -> str:
-    """The result file's text, or that of what stands in its place; nothing for tasks that only make documents."""
-    if outcome.answer is not None:
-        return outcome.answer.text() + "\n"
-    if outcome.result is None:
-        return ""
-    from calibrant.data.result_file import result_text
-
-    return result_text(outcome.result) + "\n"
-
-
-def _answer_bytes(outcome: Outcome) -> bytes:
-    return _answer_text(outcome).encode()
 
 
 def _page_bytes(outcome: Outcome, seen: Look | None) -> bytes:

@@ -53,13 +53,30 @@ class Outcome:
     page: Callable[[], str] | None = None
     refusal: RefusedError | None = None
 
+    def text(self) -> str:
+        """The result file's text, or that of the answer; nothing for tasks that only make documents."""
+        if self.answer is not None:
+            return self.answer.text() + "\n"
+        return "" if self.result is None else _result_text(self.result)
+
 
 def result_document(result: CalibrationResult, path: Path) -> Document:
     """A result file, its text made when its turn comes."""
-    return Document(path, partial(_result_bytes, result))
+    return Document(path, lambda: _result_text(result).encode())
 
 
-def _result_bytes(result: CalibrationResult) -> bytes:
+def page_document(result: CalibrationResult, path: Path) -> Document:
+    """A result's page, made when its turn comes."""
+    return Document(path, partial(_page, result))
+
+
+def _result_text(result: CalibrationResult) -> str:
     from calibrant.data.result_file import result_text
 
-    return (result_text(result) + "\n").encode()
+    return result_text(result) + "\n"
+
+
+def _page(result: CalibrationResult) -> bytes:
+    from calibrant.reports.html import report_page
+
+    return report_page(result).encode()

@@ -16,7 +16,7 @@ from calibrant.tasks.inputs import session
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.option import Option
 from calibrant.tasks.options.words import pixels
-from calibrant.tasks.outcome import Document, Outcome
+from calibrant.tasks.outcome import Document, Outcome, result_document
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -227,17 +227,11 @@ def _written(
     for file, target in targets.items():
         yield Document(target, partial(_picture, turn, file, target, request))
     if request.out is not None:
-        yield Document(request.out / CAMERA_FILE, partial(_camera_text, result))
+        yield result_document(result, request.out / CAMERA_FILE)
 
 
 def _picture(turn: Undistortion, file: Path, target: Path, request: Request) -> bytes:
     return _encoded(turn.apply(_photo(file, request)), target)
-
-
-def _camera_text(result: CalibrationResult) -> bytes:
-    from calibrant.data.result_file import result_text
-
-    return (result_text(result) + "\n").encode()
 
 
 def _encoded(image: Any, target: Path) -> bytes:

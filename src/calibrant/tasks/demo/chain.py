@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 from calibrant.errors import InputError, RefusedError
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.option import Option
-from calibrant.tasks.outcome import Answer, Document, Outcome
+from calibrant.tasks.outcome import Answer, Outcome, page_document, result_document
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -78,9 +78,9 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     return Outcome(
         answer=Answer(found, lambda: format_json(result_json(done))),
         documents=(
-            Document(request.out / RESULTS[0], partial(_file_text, done.intrinsics)),
-            Document(request.out / RESULTS[1], partial(_file_text, found)),
-            Document(request.out / RESULTS[2], partial(_page_text, found)),
+            result_document(done.intrinsics, request.out / RESULTS[0]),
+            result_document(found, request.out / RESULTS[1]),
+            page_document(found, request.out / RESULTS[2]),
         ),
         summary=partial(_said, done, request.out),
     )
@@ -176,18 +176,6 @@ def _truth_text(cell: Cell) -> str:
         Z_name: cell.Z.tolist(),
     }
     return json.dumps(truth, indent=1) + "\n"
-
-
-def _file_text(result: CalibrationResult) -> bytes:
-    from calibrant.data.result_file import result_text
-
-    return (result_text(result) + "\n").encode()
-
-
-def _page_text(result: CalibrationResult) -> bytes:
-    from calibrant.reports.html import report_page
-
-    return report_page(result).encode()
 
 
 def result_json(outcome: Demo) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +10,7 @@ from calibrant.errors import RefusedError
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.option import Option
 from calibrant.tasks.options.workspace import WorkspaceOptions
-from calibrant.tasks.outcome import Document, Outcome
+from calibrant.tasks.outcome import Outcome, page_document
 
 if TYPE_CHECKING:
     from calibrant.data import CalibrationResult
@@ -49,14 +48,8 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     from calibrant.data.result_file import read_result
 
     found = request.work.applied(read_result(request.result))
-    pages = () if request.out is None else (Document(request.out, partial(_page, found)),)
+    pages = () if request.out is None else (page_document(found, request.out),)
     return Outcome(result=found, documents=pages, refusal=_refusal(found, request.work))
-
-
-def _page(result: CalibrationResult) -> bytes:
-    from calibrant.reports.html import report_page
-
-    return report_page(result).encode()
 
 
 def _refusal(result: CalibrationResult, work: WorkspaceOptions) -> RefusedError | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,22 @@ settings.register_profile("the same in every run", derandomize=True, database=No
 settings.load_profile("the same in every run")
 
 SHARED_DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Where the whole suite runs, its workers compile from both ends of the list of kernels and meet in the middle.
+
+    On a machine that has compiled nothing yet each would else compile all of them in the same order, at the same time.
+    A kernel is compiled when its module loads, and loaded where another process has compiled it.
+    """
+    worker = getattr(session.config, "workerinput", None)
+    if worker is None or [Path(a).resolve() for a in session.config.args] != [Path(__file__).parent]:
+        return
+    package = Path(__file__).resolve().parents[1] / "src"
+    kernels = [f for f in sorted(package.rglob("*.py")) if "from calibrant.compiled import" in f.read_text("utf-8")]
+    backward = int(worker["workerid"].removeprefix("gw")) % 2
+    for file in reversed(kernels) if backward else kernels:
+        import_module(".".join(file.relative_to(package).with_suffix("").parts))
 
 
 @pytest.fixture(scope="session")

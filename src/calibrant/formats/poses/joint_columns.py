@@ -82,6 +82,17 @@ def joints_of_robot(header: Sequence[str], chain: KinematicChain) -> JointColumn
     return found
 
 
+def joints_in(table: PoseTable, chain: KinematicChain | None) -> JointColumns | None:
+    """The columns of a robot's joints in a table, or numbered ones where the robot is not known; None when it has none.
+
+    Raises: InputError naming the file.
+    """
+    try:
+        return find_joints(table.header) if chain is None else joints_of_robot(table.header, chain)
+    except InputError as error:
+        raise InputError(f"{table.source}: {error}") from error
+
+
 def joint_values(
     table: PoseTable, columns: JointColumns, chain: KinematicChain | None, *, angle: str
 ) -> tuple[Array, str]:

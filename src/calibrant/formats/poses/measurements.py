@@ -18,9 +18,8 @@ from calibrant.errors import InputError
 from calibrant.formats.poses.columns import LENGTH_UNITS, has_rotation, position_columns
 from calibrant.formats.poses.joint_columns import (
     JointColumns,
-    find_joints,
     joint_values,
-    joints_of_robot,
+    joints_in,
     names_of,
     without,
 )
@@ -73,12 +72,7 @@ def read_measurements(
 
 
 def _joints(table: PoseTable, robot: KinematicChain | None) -> JointColumns:
-    try:
-        if robot is not None:
-            return joints_of_robot(table.header, robot)
-        found = find_joints(table.header)
-    except InputError as error:
-        raise InputError(f"{table.source}: {error}") from error
+    found = joints_in(table, robot)
     if found is None:
         raise InputError(
             f"{table.source}: no joint values; expected columns q1, q2 … or a list under 'joints' beside the measured "

@@ -20,7 +20,7 @@ from calibrant.errors import InputError
 from calibrant.formats.poses.arrays import ARRAYS, read_arrays
 from calibrant.formats.poses.columns import is_header
 from calibrant.formats.poses.documents import read_document
-from calibrant.formats.poses.joint_columns import find_joints, poses_from_joints
+from calibrant.formats.poses.joint_columns import joints_in, poses_from_joints
 from calibrant.formats.poses.makers import RobotFormat, controller_text, in_format, merged, robot_format
 from calibrant.formats.poses.natural_order import natural_key
 from calibrant.formats.poses.notations import PoseNotation as PoseNotation
@@ -66,7 +66,7 @@ def read_poses(
     if robot is not None:
         raw = replace(poses_from_joints(table, robot, angle=joint_angle), times=times_beside(table))
         return raw if target is None else replace(raw, target=raw_poses(target))
-    if find_joints(table.header) is not None and not is_header(table.header):
+    if joints_in(table, None) is not None and not is_header(table.header):
         raise InputError(
             f"{table.source}: joint values without poses; say which robot they are of (--robot FILE, a URDF or DH "
             "table), and its forward kinematics gives the poses"

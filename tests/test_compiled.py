@@ -161,6 +161,21 @@ def test_kernels_are_compiled_once_and_without_sentences(tmp_path: Path) -> None
     assert not [name for name in compiled_now if ".unicode." in name or "raise_with" in name]
 
 
+def test_what_kernels_call_are_parts() -> None:
+    """A part comes from the cache even where it was just compiled, so that its callers are alike in every process."""
+    entries = [
+        (file, f.name) for file, f in compiled_functions() if ast.unparse(f.decorator_list[0]).startswith("compiled(")
+    ]
+    called = {
+        f"{file}: {function.name} calls {node.func.id}"
+        for file, function in compiled_functions()
+        for node in ast.walk(function)
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and (file, node.func.id) in entries
+    }
+    assert len(entries) > 20
+    assert not called
+
+
 def test_kernels_copy_arrays_by_element() -> None:
     found = []
     for file, function in compiled_functions():

@@ -32,7 +32,7 @@ Decorator = Callable[[Callable[..., Any]], Any]
 def compiled(signature: Any, **options: Any) -> Decorator:
     """Decorator: the function compiled for `signature` alone, without Python's lock, divisions by 0 giving inf or NaN.
 
-    For functions that Python and other compiled functions call. options: further ones of Numba's njit.
+    For functions that Python calls, and no compiled one. options: further ones of Numba's njit.
     """
     return _decorator(signature, no_cfunc_wrapper=True, **options)
 
@@ -50,9 +50,9 @@ def compiled_for_pointer(signature: Any, **options: Any) -> Decorator:
 def _decorator(signature: Any, **options: Any) -> Decorator:
     def decorate(function: Callable[..., Any]) -> Any:
         dispatcher = _from_cache(function, signature, options)
-        if dispatcher.stats.cache_misses:
-            # What was just compiled comes from the cache as well: linked into a caller it gives other machine code than
-            # its cached form does, and where sums may be reordered, other last digits from one process to the next.
+        if dispatcher.stats.cache_misses and options.get("no_cpython_wrapper"):
+            # A part that was just compiled comes from the cache as well: linked into a caller it gives other machine
+            # code than its cached form does, and where sums may be reordered, other last digits in the next process.
             dispatcher = _from_cache(function, signature, options)
         dispatcher.disable_compile()
         return dispatcher

@@ -15,6 +15,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from calibrant.arrays import Array
@@ -193,7 +194,7 @@ _ANGLES = 2 * np.pi * np.arange(RING_SAMPLES) / RING_SAMPLES
 _RING = RING_RADIUS_PX * np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
 
 
-@compiled_part("float64(float32[:, ::1], float64, float64, float64[::1])", inline="always")
+@njit(inline="always")
 def _ring(image, cx, cy, values):  # type: ignore[no-untyped-def]
     """Fills values (RING_SAMPLES,) on the circle around a centre, bilinear; their mean."""
     total = 0.0

@@ -9,9 +9,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibrant.compiled import compiled, compiled_part
 from calibrant.detection.chessboard.links import edge_between
+
+Array = NDArray[np.float64]
 
 SNAP = 0.25
 """How far from its prediction a corner may lie, over the distance of its neighbours: half way to a square's middle."""
@@ -173,24 +176,12 @@ def edges_arrive(image, xy, row, column, x, y, dark, contrast):  # type: ignore[
     return True
 
 
-@compiled("Tuple((float64[:, ::1], int64[::1]))(float64[:, ::1], int64)")
-def by_rows(xy, height):  # type: ignore[no-untyped-def]
+def by_rows(xy: Array, height: int) -> tuple[Array, NDArray[np.int64]]:
     """Points (m, 2) in the order of the image's rows they lie in, and where each of its rows begins, (height + 1,)."""
-    first = np.empty(height + 1, np.int64)
-    for row in range(height + 1):
-        first[row] = 0
-    for k in range(len(xy)):
-        first[min(max(int(xy[k, 1]), 0), height - 1) + 1] += 1
-    for row in range(height):
-        first[row + 1] += first[row]
-    filled, ordered = np.empty(height, np.int64), np.empty((len(xy), 2))
-    for row in range(height):
-        filled[row] = first[row]
-    for k in range(len(xy)):
-        row = min(max(int(xy[k, 1]), 0), height - 1)
-        ordered[filled[row], 0], ordered[filled[row], 1] = xy[k, 0], xy[k, 1]
-        filled[row] += 1
-    return ordered, first
+    row = np.clip(xy[:, 1].astype(np.int64), 0, height - 1)
+    first = np.zeros(height + 1, np.int64)
+    np.cumsum(np.bincount(row, minlength=height), out=first[1:])
+    return np.ascontiguousarray(xy[np.argsort(row, kind="stable")]), first
 
 
 @compiled("int64(float64[:, :, ::1], boolean[:, ::1], boolean, float64, float32[:, ::1], float64[:, ::1], int64[::1])")

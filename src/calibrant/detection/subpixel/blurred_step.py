@@ -9,10 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import njit
 from numpy.polynomial import Polynomial
 from numpy.polynomial.chebyshev import Chebyshev
-
-from calibrant.compiled import compiled_part
 
 LIMIT = 2.5
 """Over 3.5 standard deviations of blur: beyond it a step is flat to one part in 2400, and is taken for flat."""
@@ -30,7 +29,7 @@ S0, S1, S2, S3, S4, S5, S6, S7, S8 = _coefficients([math.erf(t) / t for t in _T]
 B0, B1, B2, B3, B4, B5, B6, B7, B8, B9 = _coefficients([math.exp(-(t**2)) for t in _T], 9)
 
 
-@compiled_part("UniTuple(float64, 2)(float64)", inline="always")
+@njit(inline="always")
 def step_and_bell(t):  # type: ignore[no-untyped-def]
     """erf(t) and exp(-t^2). Without `**`, for callers that may reorder: calibrant.compiled says why."""
     inside = abs(t) < LIMIT

@@ -202,6 +202,19 @@ class CalibrationResult:
             )
         return next(iter(self.cameras.values()))
 
+    def camera_of(self, view: ViewResult) -> str:
+        """Name of the camera of a view: as it says, else the only one there is, else empty."""
+        if view.camera is not None:
+            return view.camera
+        names = self.observations.image_sizes if self.observations is not None else self.cameras
+        return next(iter(names)) if len(names) == 1 else ""
+
+    @property
+    def is_about_cameras(self) -> bool:
+        """Whether the images were taken to find a camera: then their coverage is judged. What places something is
+        about that, and often with a camera that was given."""
+        return bool(self.cameras) and not self.transforms
+
     def transform(self, parent: str, child: str) -> TransformEstimate:
         """The estimate of T_parent_child. Raises: InputError listing what there is."""
         for t in self.transforms:

@@ -10,8 +10,8 @@ from calibrant.arrays import Array
 from calibrant.data import CalibrationResult
 
 if TYPE_CHECKING:
-    from calibrant.calibrate.review.coverage import CameraCoverage
-    from calibrant.calibrate.review.residuals import ViewResiduals
+    from calibrant.calibrate.review.coverage import CameraCoverage as CameraCoverage
+    from calibrant.calibrate.review.residuals import ViewResiduals as ViewResiduals
     from calibrant.diagnose.budget.workspace import WorkspaceUncertainty
     from calibrant.diagnose.loop import LoopView
 

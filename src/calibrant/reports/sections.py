@@ -6,10 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from calibrant.calibrate.review.coverage import CameraCoverage
-from calibrant.calibrate.review.review import is_about_cameras
 from calibrant.cameras import Camera
 from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Check, TransformEstimate
 from calibrant.diagnose.look import Look
@@ -30,6 +28,9 @@ from calibrant.reports.scene import scene
 from calibrant.reports.view_data import page_views
 from calibrant.reports.words import sorted_checks
 from calibrant.reports.workspace import workspace_blocks
+
+if TYPE_CHECKING:
+    from calibrant.diagnose.look import CameraCoverage
 
 OWN_OPTIONS = {"pose_reading": "pose reading"}
 """Decisions whose key is not their word."""
@@ -96,7 +97,7 @@ def _figures(result: CalibrationResult) -> Block | None:
 def _coverage(look: Look) -> Block | None:
     result = look.result
     blocks = [_coverage_block(c, _remarks(result, c)) for c in look.coverage]
-    return Block("coverage", {"coverage": blocks, "judged": is_about_cameras(result)}) if blocks else None
+    return Block("coverage", {"coverage": blocks, "judged": result.is_about_cameras}) if blocks else None
 
 
 def _origin(result: CalibrationResult) -> Block:
@@ -134,7 +135,7 @@ def _transform_block(estimate: TransformEstimate) -> dict[str, Any]:
 def _remarks(result: CalibrationResult, views: CameraCoverage) -> list[Check]:
     """The checks beside the map, the result's own where it has them; of a given camera, those on residuals only."""
     own = {check.name: check for check in result.checks}
-    wanted = [c for c in views.checks if is_about_cameras(result) or c.name == "residual-structure"]
+    wanted = [c for c in views.checks if result.is_about_cameras or c.name == "residual-structure"]
     return [own.get(check.name, check) for check in wanted]
 
 

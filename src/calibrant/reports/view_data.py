@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from calibrant.arrays import Indices
-from calibrant.calibrate.review.residuals import ViewResiduals
 from calibrant.data import CalibrationResult, View
 from calibrant.diagnose.loop import LoopView, by_view
 from calibrant.reports.parts.rows import ViewRow, view_rows
 from calibrant.reports.pictures import data_uris
+
+if TYPE_CHECKING:
+    from calibrant.diagnose.look import ViewResiduals
 
 _PICTURE_BUDGET = 3_000_000
 """Bytes of all pictures; with points and poses the file stays under 5 MB."""

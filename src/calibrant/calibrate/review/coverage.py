@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calibrant.arrays import Array
-from calibrant.calibrate.review.residuals import ViewResiduals, camera_of, fitted_poses, structure_check, view_residuals
+from calibrant.calibrate.review.residuals import ViewResiduals, fitted_poses, structure_check, view_residuals
 from calibrant.data import CalibrationResult, Check
 from calibrant.errors import InputError
 from calibrant.geometry import se3
@@ -95,7 +95,7 @@ def covered(
     """`camera_coverage` with the poses by (camera, view id) and the residuals that somebody has computed already."""
     if result.observations is None:
         return ()
-    left_out = {(camera_of(result, v), v.id) for v in result.views if not v.used}
+    left_out = {(result.camera_of(v), v.id) for v in result.views if not v.used}
     out = []
     for camera, size in result.observations.image_sizes.items():
         mine = [v for v in result.observations.views if v.camera == camera and len(v)]

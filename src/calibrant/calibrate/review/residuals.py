@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.arrays import Array
-from calibrant.data import CalibrationResult, Check, View, ViewResult
+from calibrant.data import CalibrationResult, Check, View
 from calibrant.errors import InputError
 from calibrant.optimize.chances import chi2_tail
 
@@ -56,20 +56,12 @@ class ViewResiduals:
         return _rms_of_residuals(self.residuals)
 
 
-def camera_of(result: CalibrationResult, view: ViewResult) -> str:
-    """Name of the camera of a view: as it says, else the only one there is, else empty."""
-    if view.camera is not None:
-        return view.camera
-    names = result.observations.image_sizes if result.observations is not None else result.cameras
-    return next(iter(names)) if len(names) == 1 else ""
-
-
 def fitted_poses(result: CalibrationResult) -> dict[tuple[str, str], Array]:
     """T_camera_target of each view by (camera, id): as the result states it, else fitted to the view's points.
 
     Views that were left out are fitted too, so that a person can see why; those that determine no pose are absent.
     """
-    stated = {(camera_of(result, v), v.id): v.T_camera_target for v in result.views if v.T_camera_target is not None}
+    stated = {(result.camera_of(v), v.id): v.T_camera_target for v in result.views if v.T_camera_target is not None}
     views = result.observations.views if result.observations else ()
     return stated | _fitted_poses(result, [v for v in views if (v.camera, v.id) not in stated])
 
@@ -92,7 +84,7 @@ def view_residuals(result: CalibrationResult, poses: Mapping[tuple[str, str], Ar
         raise InputError(
             "the result carries no observations: residuals cannot be computed; calibrate again from images"
         )
-    used = {(camera_of(result, v), v.id) for v in result.views if v.used}
+    used = {(result.camera_of(v), v.id) for v in result.views if v.used}
     out = []
     for view in result.observations.views:
         T, camera = poses.get((view.camera, view.id)), result.cameras.get(view.camera)

@@ -26,10 +26,4 @@ def review(result: CalibrationResult) -> CalibrationResult:
         if named.name not in known and mine:
             checks.append(named)
     reviewed = replace(result, checks=tuple(checks), verdict=verdict_of(tuple(checks)))
-    return with_coverage_checks(reviewed) if is_about_cameras(result) else reviewed
-
-
-def is_about_cameras(result: CalibrationResult) -> bool:
-    """Whether the images were taken to find a camera: then their coverage is judged. What places something is about
-    that, and often with a camera that was given."""
-    return bool(result.cameras) and not result.transforms
+    return with_coverage_checks(reviewed) if result.is_about_cameras else reviewed

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from calibrant.calibrate.review.residuals import camera_of
 from calibrant.data import CalibrationResult, ViewResult
 
 
@@ -30,7 +29,7 @@ class ViewRow:
 
 def view_rows(result: CalibrationResult) -> list[ViewRow]:
     """Every image in order: the views of the result, then the images in which no target was found."""
-    rows = [_view_row(view, camera_of(result, view)) for view in result.views]
+    rows = [_view_row(view, result.camera_of(view)) for view in result.views]
     known = {(row.camera, row.id) for row in rows}
     for missed in result.observations.missed if result.observations else ():
         if (missed.camera, missed.id) not in known:

@@ -12,11 +12,11 @@ from calibrant.simulate.cell import make_cell, photograph
 
 with tempfile.TemporaryDirectory() as name:
     folder = Path(name)
-    cell = make_cell(2, views=12)
+    cell = make_cell(2, views=10)
     photograph(cell, folder)
     header, *lines = (folder / "poses.csv").read_text(encoding="utf-8").splitlines()
     names, numbers = zip(*(line.split(",", 1) for line in lines))
-    order = [0, 1, 2, 8, 4, 5, 6, 7, 3, 9, 10, 11]  # 3 and 8 exchanged
+    order = [0, 1, 2, 8, 4, 5, 6, 7, 3, 9]  # 3 and 8 exchanged
     wrong = folder / "pasted-wrong.csv"
     wrong.write_text("\n".join([header, *(f"{n},{numbers[k]}" for n, k in zip(names, order))]), encoding="utf-8")
     given = {"images": folder / "images", "poses": wrong, "target": cell.target.spec, "cache": folder}

@@ -13,7 +13,7 @@ TOLERANCE = "1mm"
 
 with tempfile.TemporaryDirectory() as name:
     folder = Path(name)
-    cell = make_cell(6, views=12)
+    cell = make_cell(6, views=10)
     photograph(cell, folder)
     result = cb.hand_eye(
         images=folder / "images",

@@ -7,7 +7,9 @@ Every set is drawn from its number alone: camera on the gripper or beside the ro
 robots before one camera; 3 to 60 poses; 0.02 to 2 px, 0 to 3 mm and 0 to 1 degree of noise; intrinsics known or not;
 the setup said or not; four kinds of board; ordinary motions or nearly degenerate ones; one to three wrong poses, or one
 misread image. A fifth of the sets with one camera are rendered photos, which the command searches; the others give it
-points. The command is called with its arguments in this process, and its result file is read.
+points. Sets of even number go through the command, called with its arguments in this process, and its result file is
+read; those of odd number through `cb.calibrate_cell`, where no doctor stands in front and the setup is said: every
+second of these with one camera is told the wrong setup, and an answer to it counts as wrong.
 
 A set is wrong when a component of the camera's transform (rotation vector or position) is off by more than 4 of its
 stated sigma, and silent when no check says so. Passes without crashes and without silently wrong sets.
@@ -21,6 +23,7 @@ import io
 import sys
 import tempfile
 import time
+import traceback
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -30,10 +33,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.calibrate.cell.calibrate import calibrate_cell
+from calibrant.calibrate.cell.problem.layout import Pictures
 from calibrant.cameras import Camera
 from calibrant.cli.application import run
 from calibrant.data import CalibrationResult, Observations, RobotPoses, View
 from calibrant.data.result_file import read_result, write_observations
+from calibrant.detection.pipeline import detect
+from calibrant.errors import CalibrantError
 from calibrant.formats.cameras.opencv import write_intrinsics
 from calibrant.geometry import se3, so3
 from calibrant.simulate.cell import poses_csv
@@ -57,6 +64,7 @@ LIMIT_SIGMAS = 4.0
 OFF_MM, OFF_DEG = 60.0, 12.0
 """A bad pose is off by this much at least: what a robot reports that had not arrived yet."""
 SETS_OF_TWO = ("two cameras", "two robots")
+OTHER: dict[Setup, Setup] = {"eye-in-hand": "eye-to-hand", "eye-to-hand": "eye-in-hand"}
 SIZE = (640, 480)
 T_LEFT_RIGHT = se3.make(so3.exp([0.0, -0.08, 0.02]), [0.06, 0.0, 0.0])
 T_BASE_OTHER = se3.make(so3.exp([0.0, 0.0, 3.0]), [1.1, 0.1, 0.0])
@@ -79,12 +87,23 @@ class Case:
     photos: bool
     setup_said: bool
 
+    @property
+    def by_cell(self) -> bool:
+        """Whether the set goes through `calibrate_cell`, not the command."""
+        return self.number % 2 == 1
+
+    @property
+    def wrong_setup(self) -> bool:
+        """Whether the setup that is said is the other one."""
+        return self.number % 4 == 3 and self.layout not in SETS_OF_TWO
+
     def __str__(self) -> str:
         lens = "camera known" if self.camera_known else "camera unknown"
         return (
             f"{self.number}: {self.layout}, {self.motion}, {self.fault}, {self.board}, {self.poses} poses, "
             f"{self.px:.2g} px, {self.mm:.2g} mm, {self.deg:.2g} deg, {lens}{', photos' if self.photos else ''}"
-            f"{'' if self.setup_said else ', --setup auto'}"
+            f"{'' if self.setup_said or self.by_cell else ', --setup auto'}"
+            f"{', by calibrate_cell' if self.by_cell else ''}{', wrong setup said' if self.wrong_setup else ''}"
         )
 
 
@@ -195,12 +214,15 @@ def _seen(n: int, camera: Camera, points: Array, place: Callable[[int], Array]) 
 
 @dataclass(frozen=True, eq=False)
 class Files:
-    """The command's arguments, and the truth: the frames of the camera's transform, and its value."""
+    """The command's arguments, the truth (the frames of the camera's transform, and its value), and the same data for
+    `calibrate_cell`; photos are searched when they are asked for."""
 
     arguments: list[str]
     parent: str
     child: str
     truth: Array
+    robots: dict[str, RobotPoses]
+    pictures: tuple[Pictures, ...]
 
 
 def reported(case: Case, T_base_gripper: Array, rng: np.random.Generator) -> Array:
@@ -240,17 +262,24 @@ def one_camera(case: Case, folder: Path, rng: np.random.Generator) -> Files:
     target, (X, Z) = parse_target(case.board), mounting(setup, rng)
     B = target_poses(case, target.points, X, Z, rng)
     names = [f"{i:02d}.png" for i in range(case.poses)]
-    write_poses(folder / "poses.csv", names, reported(case, gripper_poses(setup, X, Z, B), rng))
+    A = reported(case, gripper_poses(setup, X, Z, B), rng)
+    write_poses(folder / "poses.csv", names, A)
     if case.photos:
         photograph(case, folder, names, B, rng)
         source = ["--images", str(folder / "photos"), "--target", case.board]
+        seen = detect([str(folder / "photos")], target=case.board) if case.by_cell else None
     else:
         views = seen_points(case, target.points, B, rng)
         views = [replace(v, id=name, moment=name) for v, name in zip(views, names)]
-        write_observations(Observations(tuple(views), {"camera": SIZE}, target=target.spec), folder / "seen.json")
+        seen = Observations(tuple(views), {"camera": SIZE}, target=target.spec)
+        write_observations(seen, folder / "seen.json")
         source = ["--observations", str(folder / "seen.json")]
     parent = "gripper" if setup == "eye-in-hand" else "base"
-    return Files([*source, "--poses", str(folder / "poses.csv"), *said(case, setup)], parent, "camera", X)
+    told = OTHER[setup] if case.wrong_setup else setup
+    pictures = () if seen is None else (Pictures("camera", told, seen),)
+    robots = {"robot": RobotPoses.from_matrices(A, ids=names)}
+    arguments = [*source, "--poses", str(folder / "poses.csv"), *said(case, setup)]
+    return Files(arguments, parent, "camera", X, robots, pictures)
 
 
 def photograph(case: Case, folder: Path, names: Sequence[str], B: Array, rng: np.random.Generator) -> None:
@@ -282,11 +311,14 @@ def several(case: Case, folder: Path, rng: np.random.Generator) -> Files:
         names = [f"{i:02d}" for i in range(case.poses)]
         A = reported(case, gripper_poses("eye-in-hand", X, Z, B), rng)
         write_poses(folder / "poses.csv", [f"{n}.png" for n in names], A)
+        pictures = []
         for camera, seen, mine in (
             ("left", B, case),
             ("right", se3.inverse(T_LEFT_RIGHT) @ B, replace(case, fault="none")),
         ):
-            write_seen(folder, camera, seen_points(mine, points, seen, rng), names)
+            views = seen_points(mine, points, seen, rng)
+            write_seen(folder, camera, views, names)
+            pictures.append(Pictures(camera, "eye-in-hand", as_observations(views, names)))
             arguments += [
                 "--images",
                 f"{camera}={folder / camera}",
@@ -294,18 +326,29 @@ def several(case: Case, folder: Path, rng: np.random.Generator) -> Files:
                 f"{camera}=points:{folder / camera}:unit=m",
             ]
         arguments += ["--poses", str(folder / "poses.csv"), *said(case, "eye-in-hand")]
-        return Files(arguments, "gripper", "left", X)
+        robots = {"robot": RobotPoses.from_matrices(A, ids=names)}
+        return Files(arguments, "gripper", "left", X, robots, tuple(pictures))
     X, Z = mounting("eye-to-hand", rng)
+    robots, pictures = {}, []
     for robot, T_root_base in (("a", np.eye(4)), ("b", T_BASE_OTHER)):
         B = target_poses(case, points, X, Z, rng)
         A = se3.inverse(T_root_base) @ gripper_poses("eye-to-hand", X, Z, B)
         names = [f"{robot}{i:02d}" for i in range(case.poses)]
         mine = case if robot == "a" else replace(case, fault="none")
-        write_poses(folder / f"{robot}.csv", [f"{n}.png" for n in names], reported(mine, A, rng))
-        write_seen(folder, "top", seen_points(mine, points, B, rng), names)
+        A = reported(mine, A, rng)
+        write_poses(folder / f"{robot}.csv", [f"{n}.png" for n in names], A)
+        views = seen_points(mine, points, B, rng)
+        write_seen(folder, "top", views, names)
+        robots[robot] = RobotPoses.from_matrices(A, ids=names)
+        pictures.append(Pictures("top", "eye-to-hand", as_observations(views, names), robot))
         arguments += ["--images", f"top@{robot}={folder}/top/{robot}*.png", "--poses", f"{robot}={folder / robot}.csv"]
     arguments += ["--target", f"points:{folder / 'top'}:unit=m"]
-    return Files([*arguments, *said(case, "eye-to-hand")], "a_base", "top", X)
+    return Files([*arguments, *said(case, "eye-to-hand")], "a_base", "top", X, robots, tuple(pictures))
+
+
+def as_observations(views: Sequence[View], names: Sequence[str]) -> Observations:
+    """Views that are called as the poses are."""
+    return Observations(tuple(replace(v, id=n, moment=n) for v, n in zip(views, names)), {"camera": SIZE})
 
 
 def write_seen(folder: Path, name: str, views: Sequence[View], names: Sequence[str]) -> None:
@@ -326,6 +369,8 @@ def examine(case: Case) -> Outcome:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         files = several(case, folder, rng) if case.layout in SETS_OF_TWO else one_camera(case, folder, rng)
+        if case.by_cell:
+            return examine_by_cell(case, files)
         arguments = ["hand-eye", *files.arguments, "--out", str(folder / "result.json"), "--quiet", "--workers", "1"]
         if case.camera_known:
             write_intrinsics(lens(), folder / "camera.yml")
@@ -340,6 +385,25 @@ def examine(case: Case) -> Outcome:
         if status != 0:
             return Outcome(case, status, text, seconds=seconds)
         return judged(case, files, read_result(folder / "result.json"), text, seconds)
+
+
+def examine_by_cell(case: Case, files: Files) -> Outcome:
+    """The set through `calibrate_cell`; a refusal has the command's status."""
+    known = {p.camera: lens() for p in files.pictures} if case.camera_known else {}
+    start = time.perf_counter()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            result = calibrate_cell(files.robots, files.pictures, cameras=known)
+    except CalibrantError as error:
+        return Outcome(case, 1, str(error), seconds=time.perf_counter() - start)
+    except Exception:  # noqa: BLE001 - what a user would see as a traceback is what this benchmark looks for
+        return Outcome(case, 3, traceback.format_exc(), seconds=time.perf_counter() - start)
+    seconds = time.perf_counter() - start
+    if case.wrong_setup:
+        warned = tuple(c.name for c in result.checks if c.status != "ok")
+        return Outcome(case, 0, "the wrong setup was answered", warned, float("inf"), float("inf"), seconds)
+    return judged(case, files, result, "", seconds)
 
 
 def judged(case: Case, files: Files, result: CalibrationResult, words: str, seconds: float) -> Outcome:
@@ -361,10 +425,12 @@ def table(outcomes: Sequence[Outcome]) -> str:
     groups += [(name, lambda c, name=name: c.motion == name) for name in MOTIONS]  # type: ignore[misc]
     groups += [(f"fault: {name}", lambda c, name=name: c.fault == name) for name in FAULTS]  # type: ignore[misc]
     groups += [("camera known", lambda c: c.camera_known), ("camera unknown", lambda c: not c.camera_known)]
+    groups += [("by command", lambda c: not c.by_cell), ("by calibrate_cell", lambda c: c.by_cell)]
+    groups += [("wrong setup said", lambda c: c.wrong_setup)]
     groups += [("3 to 5 poses", lambda c: c.poses <= 5), ("photos", lambda c: c.photos)]
     for name, belongs in groups:
         some = [o for o in outcomes if belongs(o.case)]
-        done = np.sort([o.normalised for o in some if o.status == 0])
+        done = np.sort([o.normalised for o in some if o.status == 0 and np.isfinite(o.normalised)])
         median, mean = (np.median(done), done[: int(np.ceil(0.95 * len(done)))].mean()) if len(done) else (np.nan,) * 2
         refused, warned = sum(o.refused for o in some), sum(bool(o.warned) for o in some)
         told = sum(o.wrong and not o.silent for o in some)

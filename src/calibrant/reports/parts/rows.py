@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from calibrant.data import CalibrationResult, ViewResult
+from calibrant.diagnose.reviewed import camera_of
 
 
 @dataclass(frozen=True)

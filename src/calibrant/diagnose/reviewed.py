@@ -1,0 +1,8 @@
+"""What the review of a calibration says of it, by name, for whoever shows a result: reports reach no calibration."""
+
+from __future__ import annotations
+
+from calibrant.calibrate.review.coverage import CameraCoverage as CameraCoverage
+from calibrant.calibrate.review.residuals import ViewResiduals as ViewResiduals
+from calibrant.calibrate.review.residuals import camera_of as camera_of
+from calibrant.calibrate.review.review import is_about_cameras as is_about_cameras

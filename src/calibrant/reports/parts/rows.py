@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from calibrant.data import CalibrationResult, ViewResult
-from calibrant.diagnose.reviewed import camera_of
 
 
 @dataclass(frozen=True)

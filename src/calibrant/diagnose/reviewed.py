@@ -4,5 +4,3 @@ from __future__ import annotations
 
 from calibrant.calibrate.review.coverage import CameraCoverage as CameraCoverage
 from calibrant.calibrate.review.residuals import ViewResiduals as ViewResiduals
-from calibrant.calibrate.review.residuals import camera_of as camera_of
-from calibrant.calibrate.review.review import is_about_cameras as is_about_cameras

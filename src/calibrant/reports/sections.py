@@ -12,7 +12,6 @@ from calibrant.cameras import Camera
 from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Check, TransformEstimate
 from calibrant.diagnose.look import Look
 from calibrant.diagnose.loop import LoopView
-from calibrant.diagnose.reviewed import CameraCoverage
 from calibrant.reports.kinds.registry import kind_of
 from calibrant.reports.parts.blocks import Block
 from calibrant.reports.parts.figures import (

@@ -12,7 +12,6 @@ import numpy as np
 from calibrant.arrays import Indices
 from calibrant.data import CalibrationResult, View
 from calibrant.diagnose.loop import LoopView, by_view
-from calibrant.diagnose.reviewed import ViewResiduals
 from calibrant.reports.parts.rows import ViewRow, view_rows
 from calibrant.reports.pictures import data_uris
 

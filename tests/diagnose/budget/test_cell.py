@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import calibrant as cb
-from calibrant.calibrate.cell.calibrate import calibrate_several
+from calibrant.calibrate.cell.calibrate import calibrate_cell
 from calibrant.calibrate.cell.problem.layout import Pictures
 from calibrant.data import CalibrationResult, Observations, RobotPoses
 from calibrant.data.details import RobotParameters
@@ -58,7 +58,7 @@ def cell() -> CalibrationResult:
         Pictures("top", "eye-to-hand", sees(B[1], rng), robot="a"),
         Pictures("top", "eye-to-hand", sees(B[2], rng), robot="b"),
     ]
-    return calibrate_several({"a": poses, "b": said(other, rng)}, lists, cameras={"wrist": CAMERA, "top": CAMERA})
+    return calibrate_cell({"a": poses, "b": said(other, rng)}, lists, cameras={"wrist": CAMERA, "top": CAMERA})
 
 
 def test_sources_sum_to_the_stated_covariance_from_the_file_alone(cell: CalibrationResult, tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ from calibrant.calibrate.cell.problem.groups import lens_variable
 from calibrant.calibrate.cell.problem.layout import poses_variable
 from calibrant.calibrate.cell.problem.problem import Cell, cell_problem
 from calibrant.cameras import Camera
+from calibrant.cancel import checkpoint
 from calibrant.data import View
 from calibrant.geometry import se3
 from calibrant.optimize import linear
@@ -70,6 +71,7 @@ def leave_out(cell: Cell, fit: Solution) -> LoopDeviations | None:
     count = 1 + max((int(f.max()) for f in folds if len(f)), default=-1)
     shares, parts = _shares(cell, fit), []
     for k in range(count):
+        checkpoint()
         out = [f == k for f in folds]
         if any(d.use.any() and not (d.use & ~o).any() for d, o in zip(cell.data, out)):
             continue

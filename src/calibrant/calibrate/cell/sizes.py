@@ -22,6 +22,7 @@ from calibrant.calibrate.cell.problem.groups import scale_variable
 from calibrant.calibrate.cell.problem.problem import Cell, cell_problem
 from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.calibrate.solvers.setup import get_setup
+from calibrant.cancel import checkpoint
 from calibrant.data import Measured
 from calibrant.optimize.levenberg_marquardt import solve
 from calibrant.optimize.solution import Solution
@@ -42,6 +43,7 @@ def target_sizes(cell: Cell, begin: Sequence[HandEyeViews], solution: Solution) 
     loops: dict[int, LoopNoise] = {}
     images: dict[int, ImagePoses] = {}
     for i, p, data in cell.lists:
+        checkpoint()
         if not p.alone:
             continue
         setup, role = get_setup(p.setup), cell.roles.get(p.camera)

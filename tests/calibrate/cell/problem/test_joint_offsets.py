@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from calibrant.calibrate.cell.calibrate import calibrate_several
+from calibrant.calibrate.cell.calibrate import calibrate_cell
 from calibrant.calibrate.cell.problem.joint_offsets import JointReadings, JointRotation, JointTranslation, free_joints
 from calibrant.calibrate.cell.problem.layout import Pictures
 from calibrant.data import CalibrationResult, Observations
@@ -58,7 +58,7 @@ def scene(seed: int, views: int = 25) -> Scene:
 def calibrated(s: Scene, *, free: bool) -> CalibrationResult:
     pictures = [Pictures("camera", "eye-in-hand", s.observations)]
     joints = s.readings if free else None
-    return calibrate_several(s.readings.poses, pictures, cameras={"camera": CAMERA}, joints=joints)
+    return calibrate_cell(s.readings.poses, pictures, cameras={"camera": CAMERA}, joints=joints)
 
 
 def found_offsets(result: CalibrationResult) -> dict[str, dict[str, float]]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibrant.calibrate.cell.calibrate import calibrate_several
+from calibrant.calibrate.cell.calibrate import calibrate_cell
 from calibrant.calibrate.cell.problem.layout import Pictures
 from calibrant.calibrate.cell.starts.hand_to_hand import hand_to_hand_start
 from calibrant.data import CalibrationResult, RobotPoses
@@ -45,7 +45,7 @@ def calibrated(seed: int, n: int = 25) -> CalibrationResult:
         name: RobotPoses(ids, noisy_poses(T, sigma_mm=0.1, sigma_deg=0.02, rng=rng)) for name, T in (("a", A), ("b", C))
     }
     lists = [Pictures("wrist", "hand-to-hand", seen, robot="a", other="b")]
-    return calibrate_several(robots, lists, cameras={"wrist": CAMERA})
+    return calibrate_cell(robots, lists, cameras={"wrist": CAMERA})
 
 
 def off(result: CalibrationResult, parent: str, child: str, truth: np.ndarray) -> float:

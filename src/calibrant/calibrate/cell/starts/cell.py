@@ -20,6 +20,7 @@ from calibrant.calibrate.cell.starts.medoid import medoid
 from calibrant.calibrate.cell.starts.seed import Seed, best_seed, seed_of_all, setup_check
 from calibrant.calibrate.solvers.motion import MotionReport, motion_report
 from calibrant.calibrate.solvers.setup import SETUPS, Setup, get_setup
+from calibrant.cancel import checkpoint
 from calibrant.data import Check
 from calibrant.errors import RefusedError
 from calibrant.geometry import se3
@@ -64,6 +65,7 @@ def cell_start(layout: Layout, data: Sequence[HandEyeViews], missing: Mapping[st
     # The longest list first: of two ways to a frame the first one stays.
     order = sorted(range(len(data)), key=lambda i: -int(data[i].use.sum()))
     for i in order:
+        checkpoint()
         p = layout.pictures[i]
         if p.setup == STANDING:
             graph = graph.add(p.camera, layout.target(p), medoid(data[i].B[data[i].use]))

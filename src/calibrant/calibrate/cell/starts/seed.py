@@ -20,6 +20,7 @@ from calibrant.calibrate.solvers.loop_errors import (
 from calibrant.calibrate.solvers.registry import SOLVERS
 from calibrant.calibrate.solvers.relative import pose_pairs, sample
 from calibrant.calibrate.solvers.setup import SETUPS, Setup
+from calibrant.cancel import checkpoint
 from calibrant.data import Check, MethodResult
 from calibrant.errors import RefusedError
 from calibrant.optimize.chances import MAXWELL_MEDIAN
@@ -105,6 +106,7 @@ def _most_consistent(A: Array, B: Array) -> tuple[Array, Array, str]:
     pairs = pose_pairs(A[rows], B[rows])
     refusals = []
     for name in SEEDING:
+        checkpoint()
         try:
             X = SOLVERS[name].solve_pairs(pairs).X
         except RefusedError as error:
@@ -139,6 +141,7 @@ def compare_methods(A: Array, B: Array) -> dict[str, MethodResult]:
     table = {}
     pairs = pose_pairs(A, B)
     for name, solver in SOLVERS.items():
+        checkpoint()
         try:
             found = solver.solve_pairs(pairs)
         except RefusedError as error:

@@ -10,7 +10,7 @@ import pytest
 
 import calibrant as cb
 from calibrant.calibrate.cell.boards.turned import NAME, board_turns, turned_views
-from calibrant.calibrate.cell.calibrate import calibrate_several
+from calibrant.calibrate.cell.calibrate import calibrate_cell
 from calibrant.calibrate.cell.problem.layout import Pictures
 from calibrant.data import CalibrationResult, Observations, RobotPoses
 from calibrant.errors import InputError, RefusedError
@@ -54,7 +54,7 @@ def two_in_hand(rng: np.random.Generator) -> CalibrationResult:
         Pictures("left", "eye-in-hand", sees(in_hand(T, X_LEFT), rng)),
         Pictures("right", "eye-in-hand", sees(in_hand(T, X_RIGHT), rng)),
     ]
-    return calibrate_several(said(T, rng), pictures, cameras={"left": CAMERA, "right": CAMERA})
+    return calibrate_cell(said(T, rng), pictures, cameras={"left": CAMERA, "right": CAMERA})
 
 
 def off(result: CalibrationResult, parent: str, child: str, truth: np.ndarray) -> float:
@@ -91,7 +91,7 @@ def test_cameras_that_number_a_symmetric_board_from_different_ends() -> None:
         seen = sees(in_hand(T, X), rng)
         views = turned_views(seen.views, [i for i, v in enumerate(seen.views) if IDS.index(v.id) in rows], turns.F[1])
         pictures.append(Pictures(name, "eye-in-hand", replace(seen, views=views, target=spec)))
-    result = calibrate_several(said(T, rng), pictures, cameras={"left": CAMERA, "right": CAMERA})
+    result = calibrate_cell(said(T, rng), pictures, cameras={"left": CAMERA, "right": CAMERA})
     messages = [c.message for c in result.checks if c.name == NAME]
     assert len(messages) == 3
     assert "from the end that the other cameras' views start at" in messages[2]
@@ -142,7 +142,7 @@ def test_a_camera_with_two_pictures_is_found_through_the_others() -> None:
         Pictures("left", "eye-in-hand", sees(in_hand(T, X_LEFT), rng)),
         Pictures("right", "eye-in-hand", replace(right, views=right.views[:2])),
     ]
-    result = calibrate_several(said(T, rng), pictures, cameras={"left": CAMERA, "right": CAMERA})
+    result = calibrate_cell(said(T, rng), pictures, cameras={"left": CAMERA, "right": CAMERA})
     assert off(result, "gripper", "right", X_RIGHT) < 2
 
 
@@ -164,7 +164,7 @@ def test_wrist_camera_fixed_camera_and_onlooker_in_one_problem() -> None:
         Pictures("top", "eye-to-hand", top),
         Pictures("side", "standing", side),
     ]
-    result = calibrate_several(poses, pictures, cameras=dict.fromkeys(("wrist", "top", "side"), CAMERA))
+    result = calibrate_cell(poses, pictures, cameras=dict.fromkeys(("wrist", "top", "side"), CAMERA))
     assert off(result, "gripper", "wrist", X_LEFT) < 2
     assert off(result, "base", "top", X_TOP) < 2
     assert off(result, "base", "side", T_base_side) < 2
@@ -181,7 +181,7 @@ def test_two_robots_that_show_their_targets_to_one_camera() -> None:
         T = gripper_poses("eye-to-hand", se3.inverse(base) @ X_TOP, Z_GRIPPER, B)
         robots[robot] = said(T, rng)
         lists.append(Pictures("top", "eye-to-hand", sees(B, rng), robot=robot))
-    result = calibrate_several(robots, lists, cameras={"top": CAMERA})
+    result = calibrate_cell(robots, lists, cameras={"top": CAMERA})
     assert off(result, "a_base", "top", X_TOP) < 2
     assert off(result, "a_base", "b_base", SECOND_BASE) < 2
     assert off(result, "b_gripper", "b_gripper_target", Z_GRIPPER) < 2
@@ -195,9 +195,7 @@ def test_two_robots_whose_cameras_see_one_target() -> None:
         Pictures("one", "eye-in-hand", sees(in_hand(T, X_LEFT), rng), robot="a"),
         Pictures("two", "eye-in-hand", sees(in_hand(SECOND_BASE @ other, X_LEFT), rng), robot="b"),
     ]
-    result = calibrate_several(
-        {"a": said(T, rng), "b": said(other, rng)}, lists, cameras={"one": CAMERA, "two": CAMERA}
-    )
+    result = calibrate_cell({"a": said(T, rng), "b": said(other, rng)}, lists, cameras={"one": CAMERA, "two": CAMERA})
     assert off(result, "a_base", "b_base", SECOND_BASE) < 2
     assert off(result, "b_gripper", "two", X_LEFT) < 2
 
@@ -212,7 +210,7 @@ def test_one_wrong_pose_is_left_out_of_both_cameras() -> None:
         Pictures("left", "eye-in-hand", sees(in_hand(T, X_LEFT), rng)),
         Pictures("right", "eye-in-hand", sees(in_hand(T, X_RIGHT), rng)),
     ]
-    result = calibrate_several(RobotPoses(IDS, wrong), pictures, cameras={"left": CAMERA, "right": CAMERA})
+    result = calibrate_cell(RobotPoses(IDS, wrong), pictures, cameras={"left": CAMERA, "right": CAMERA})
     assert {v.id for v in result.views if not v.used} == {"5.png"}
     assert off(result, "gripper", "left", X_LEFT) < 2
 
@@ -225,7 +223,7 @@ def test_robots_with_nothing_in_common_are_refused_by_name() -> None:
         Pictures("two", "eye-in-hand", sees(in_hand(T, X_LEFT), rng), robot="b", target="second"),
     ]
     with pytest.raises(RefusedError, match="nothing ties b_base to a_base"):
-        calibrate_several({"a": said(T, rng), "b": said(T, rng)}, lists, cameras={"one": CAMERA, "two": CAMERA})
+        calibrate_cell({"a": said(T, rng), "b": said(T, rng)}, lists, cameras={"one": CAMERA, "two": CAMERA})
 
 
 def test_names_that_do_not_fit_are_said() -> None:
@@ -235,11 +233,11 @@ def test_names_that_do_not_fit_are_said() -> None:
     with pytest.raises(InputError, match="unknown setup"):
         Pictures("left", "eye-in-foot", seen)
     with pytest.raises(InputError, match="cannot be fixed to both"):
-        calibrate_several(said(T, rng), [Pictures("c", "eye-in-hand", seen), Pictures("c", "eye-to-hand", seen)])
+        calibrate_cell(said(T, rng), [Pictures("c", "eye-in-hand", seen), Pictures("c", "eye-to-hand", seen)])
     with pytest.raises(InputError, match="has no pictures"):
-        calibrate_several(said(T, rng), [Pictures("c", "eye-in-hand", seen)], cameras={"d": CAMERA})
+        calibrate_cell(said(T, rng), [Pictures("c", "eye-in-hand", seen)], cameras={"d": CAMERA})
     with pytest.raises(InputError, match="name of another frame"):
-        calibrate_several(said(T, rng), [Pictures("base", "eye-in-hand", seen)])
+        calibrate_cell(said(T, rng), [Pictures("base", "eye-in-hand", seen)])
 
 
 def test_cameras_that_were_not_at_one_pose_are_said() -> None:
@@ -250,6 +248,10 @@ def test_cameras_that_were_not_at_one_pose_are_said() -> None:
         Pictures("left", "eye-in-hand", sees(in_hand(T, X_LEFT), rng)),
         Pictures("right", "eye-in-hand", sees(in_hand(elsewhere, X_RIGHT), rng)),
     ]
-    result = calibrate_several(said(T, rng), pictures, cameras={"left": CAMERA, "right": CAMERA})
+    result = calibrate_cell(said(T, rng), pictures, cameras={"left": CAMERA, "right": CAMERA})
     assert "warn" in {result.check(f"together-{c}").status for c in ("left", "right")}
     assert {_trial(0).check(f"together-{c}").status for c in ("left", "right")} == {"ok"}
+
+
+def test_the_old_name_is_another_name() -> None:
+    assert cb.calibrate_several is cb.calibrate_cell

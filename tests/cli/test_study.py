@@ -105,6 +105,7 @@ def figures(path: Path) -> dict[str, Any]:
     return document
 
 
+@pytest.mark.long
 def test_the_command_prints_and_writes_every_figure(calibrant, tmp_path: Path) -> None:
     out, report = tmp_path / "study.json", tmp_path / "study.html"
     done = calibrant("study", "methods", "--trials", 1, "--views", 3, "--out", out, "--report", report)

@@ -70,7 +70,10 @@ class ReadList:
         if self.diagnosis is not None:
             decision = self.diagnosis.poses.decision
             out.append(Check(f"pose-reading{suffix}", "ok", f"{head}{decision.message}", decision.confidence))
-            findings = [f.check for f in self.diagnosis.findings if not {f.name, f"{f.name}{suffix}"} & known]
+            labels = ("", suffix, f"-{self.words.replace(' ', '-')}")
+            findings = [
+                f.check for f in self.diagnosis.findings if not known & {f"{f.name}{label}" for label in labels}
+            ]
             out += [replace(c, message=f"{head}{c.message}") for c in findings]
         for robot, words in self.pairings.items():
             out.append(Check(f"pairing{suffix}{'-' + robot if robot else ''}", "ok", f"{head}{words}"))

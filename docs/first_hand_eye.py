@@ -15,6 +15,7 @@ import re
 import subprocess
 import sys
 import tempfile
+import textwrap
 from dataclasses import replace
 from pathlib import Path
 
@@ -227,7 +228,8 @@ def run(line: str, folder: Path) -> str:
     done = subprocess.run(
         command, shell=True, cwd=folder, text=True, capture_output=True, env=environment(), check=False
     )
-    errors = "".join(line for line in done.stderr.splitlines(keepends=True) if line.startswith("calibrant:"))
+    told = [line for line in done.stderr.splitlines() if line.startswith("calibrant:")]
+    errors = "".join(textwrap.fill(line, 100, break_on_hyphens=False) + "\n" for line in told)
     status = f"(exit status {done.returncode})\n" if done.returncode else ""
     return "\n".join(text.rstrip() for text in (done.stdout + errors + status).splitlines()) + "\n"
 

@@ -41,6 +41,8 @@ def test_it_ends_with_the_truth_beside_the_prediction(finished: tuple[Path, Outc
     for words in ("Against the truth", "predicted 1σ", "T_gripper_camera is off by", "region", "Tool point"):
         assert words in result.out
     assert "calibrant hand-eye --images" in result.out
+    for option in ("--poses", "--target charuco:8x6:30mm:22mm:DICT_5X5_100", "--setup eye-in-hand"):
+        assert option in result.out
 
 
 def test_again_with_fewer_views_leaves_no_old_picture(

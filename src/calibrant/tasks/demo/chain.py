@@ -208,9 +208,10 @@ def _said(done: Demo, folder: Path) -> RenderableType:
     from calibrant.reports.truth import comparison
 
     cell = done.compared.cell
-    inputs = f"--images {done.images} --poses {done.poses} --target {cell.target.spec}"
-    repeat = Text(f"\nThe same from the files alone:\n  calibrant hand-eye {inputs} --setup {cell.setup}")
-    repeat.no_wrap, repeat.overflow = True, "ignore"
+    # An option a line: a whole command line is wider than a terminal, which would cut it.
+    options = {"images": done.images, "poses": done.poses, "target": cell.target.spec, "setup": cell.setup}
+    command = "calibrant hand-eye " + " \\\n      ".join(f"--{name} {value}" for name, value in options.items())
+    repeat = Text(f"\nThe same from the files alone:\n  {command}", overflow="fold")
     return Group(
         summary(done.compared.hand_eye),
         Text(),

@@ -40,6 +40,14 @@ def opencv_contrib(session: nox.Session) -> None:
 
 
 @nox.session
+def coverage(session: nox.Session) -> None:
+    """Which lines no test runs, in one process: half an hour. Compiled functions are left out."""
+    session.install("-e", ".[dev]")
+    session.run("coverage", "run", "-m", "pytest", "-n", "0", *(session.posargs or ["-m", ""]))
+    session.run("coverage", "report", "--show-missing", "--skip-covered")
+
+
+@nox.session
 def docs(session: nox.Session) -> None:
     """The documentation as a site in build/site; every link and every shown file must be there."""
     session.install("-e", ".[docs]")

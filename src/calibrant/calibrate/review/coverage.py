@@ -90,9 +90,13 @@ def camera_coverage(result: CalibrationResult) -> tuple[CameraCoverage, ...]:
 
 
 def covered(
-    result: CalibrationResult, poses: Mapping[tuple[str, str], Array], residuals: Sequence[ViewResiduals]
+    result: CalibrationResult,
+    poses: Mapping[tuple[str, str], Array],
+    residuals: Sequence[ViewResiduals],
+    structures: Mapping[str, Check] | None = None,
 ) -> tuple[CameraCoverage, ...]:
-    """`camera_coverage` with the poses by (camera, view id) and the residuals that somebody has computed already."""
+    """`camera_coverage` with the poses by (camera, view id), the residuals, and the answers of `structure_check` by
+    camera, that somebody has computed already."""
     if result.observations is None:
         return ()
     left_out = {(result.camera_of(v), v.id) for v in result.views if not v.used}
@@ -107,19 +111,24 @@ def covered(
         posed = [v for v in seen if (camera, v.id) in poses]
         if posed:
             spread = board_spread([poses[camera, v.id] for v in posed], [v.points.mean(axis=0) for v in posed])
-            structure = structure_check(tuple(r for r in residuals if r.camera == camera), image_size=size)
+            structure = (structures or {}).get(camera)
+            if structure is None:
+                structure = structure_check(tuple(r for r in residuals if r.camera == camera), image_size=size)
             checks += (*spread_checks(spread), structure)
         out.append(CameraCoverage(camera, size, coverage, checks))
     return tuple(out)
 
 
-def with_coverage_checks(result: CalibrationResult) -> CalibrationResult:
+def with_coverage_checks(
+    result: CalibrationResult, coverage: Sequence[CameraCoverage] | None = None
+) -> CalibrationResult:
     """The result with the checks of `camera_coverage` it does not have yet; a warning turns a verdict "ok" to "warn".
 
-    For results that estimate a camera: coverage says where its model is extrapolated.
+    For results that estimate a camera: coverage says where its model is extrapolated. Args: coverage, where somebody
+    has computed it already.
     """
     known = {check.name for check in result.checks}
-    found = camera_coverage(result)
+    found = camera_coverage(result) if coverage is None else coverage
     new = [
         replace(check, name=check.name if len(found) == 1 else f"{check.name}-{item.camera}")
         for item in found

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from calibrant.calibrate.review.coverage import with_coverage_checks
+from calibrant.calibrate.review.coverage import covered, with_coverage_checks
 from calibrant.calibrate.review.residuals import fitted_poses, structure_check, view_residuals
-from calibrant.data import CalibrationResult, verdict_of
+from calibrant.data import CalibrationResult, Check, verdict_of
 
 
 def review(result: CalibrationResult) -> CalibrationResult:
@@ -17,13 +17,17 @@ def review(result: CalibrationResult) -> CalibrationResult:
     if result.observations is None or not result.cameras:
         return result
     known = {c.name for c in result.checks}
-    checks = list(result.checks)
-    residuals = view_residuals(result, fitted_poses(result))
+    poses = fitted_poses(result)
+    residuals = view_residuals(result, poses)
+    structures: dict[str, Check] = {}
     for name, camera in result.cameras.items():
         mine = tuple(v for v in residuals if v.camera == name)
-        check = structure_check(mine, image_size=camera.image_size)
-        named = check if len(result.cameras) == 1 else replace(check, name=f"{check.name}-{name}")
-        if named.name not in known and mine:
-            checks.append(named)
-    reviewed = replace(result, checks=tuple(checks), verdict=verdict_of(tuple(checks)))
-    return with_coverage_checks(reviewed) if result.is_about_cameras else reviewed
+        if mine:
+            structures[name] = structure_check(mine, image_size=camera.image_size)
+    alone = len(result.cameras) == 1
+    asked = [c if alone else replace(c, name=f"{c.name}-{name}") for name, c in structures.items()]
+    checks = (*result.checks, *(c for c in asked if c.name not in known))
+    reviewed = replace(result, checks=checks, verdict=verdict_of(checks))
+    if not result.is_about_cameras:
+        return reviewed
+    return with_coverage_checks(reviewed, covered(reviewed, poses, residuals, structures))

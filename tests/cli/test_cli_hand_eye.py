@@ -267,6 +267,16 @@ def test_a_closed_form_by_name(calibrant, tmp_path: Path) -> None:
         assert any(c["name"] == "method" and method in c["message"] for c in result["checks"])
 
 
+def test_a_file_named_twice_is_no_calibration(calibrant, tmp_path: Path) -> None:
+    scene = hand_eye_scene("good", setup="eye-to-hand", seed=5)
+    pairs = pose_pairs(tmp_path / "pairs.json", scene.robot_poses.T_base_gripper, scene.measured_T_camera_target)
+    robot = tmp_path / "robot.json"
+    robot.write_text(json.dumps(scene.robot_poses.T_base_gripper.tolist()))
+    refused(calibrant("hand-eye", "--poses", pairs, "--target-poses", pairs), 2, "holds pairs")
+    refused(calibrant("hand-eye", "--poses", robot, "--target-poses", pairs), 2, "--target-poses")
+    refused(calibrant("hand-eye", "--poses", robot, "--target-poses", robot), 1, "same-poses", "T_camera_target")
+
+
 def test_methods_that_cannot_be(calibrant, tmp_path: Path) -> None:
     scene = hand_eye_scene("good", setup="eye-to-hand", seed=5)
     path = pose_pairs(tmp_path / "pairs.json", scene.robot_poses.T_base_gripper, scene.measured_T_camera_target)

@@ -40,7 +40,10 @@ def verb(name: str) -> Callable[..., CalibrationResult | None]:
     signature = signature_of(task)
 
     def run(*args: Any, **kwargs: Any) -> CalibrationResult | None:
-        bound = signature.bind(*args, **kwargs)
+        try:
+            bound = signature.bind(*args, **kwargs)
+        except TypeError as error:
+            raise TypeError(f"{name}(): {error}; see help(calibrant.{name})") from None
         values = dict(bound.arguments)
         force = bool(values.pop("force", False))
         return _run(task, values, force=force)

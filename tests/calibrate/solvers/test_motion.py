@@ -129,6 +129,26 @@ class TestDegenerateMotions:
         assert statuses(poor)["parallel-axes"] == "fail"
 
 
+class TestTheSamePosesTwice:
+    """A file named twice by mistake closes the loop without an error, and says nothing about a camera."""
+
+    @pytest.mark.parametrize("again", [lambda A: A, se3.inverse, lambda A: A.round(10)])
+    def test_refused_by_name(self, again: Callable[[Array], Array]) -> None:
+        rng = np.random.default_rng(31)
+        A, _, _ = scene(rng, so3.random(rng, 12))
+        report = motion_report(A, again(A))
+        assert [f.name for f in report.degenerate] == ["same-poses"]
+        with pytest.raises(RefusedError, match="same-poses: the 12 target poses are the robot's poses"):
+            report.require_determined()
+
+    def test_poses_that_only_look_alike_are_not(self) -> None:
+        """A camera a tenth of a millimetre from the flange's frame, seeing a target as far from the base's."""
+        rng = np.random.default_rng(32)
+        A, _, _ = scene(rng, so3.random(rng, 12))
+        B = se3.inverse(A) @ se3.make(np.eye(3), np.array([1e-4, 0.0, 0.0]))
+        assert motion_report(A, B).finding("same-poses") is None
+
+
 class TestWeakMotions:
     def test_nearly_the_same_poses(self) -> None:
         rng = np.random.default_rng(7)

@@ -55,6 +55,8 @@ def test_folder_without_images_and_no_images(tmp_path):
         expand(tmp_path)
     with pytest.raises(InputError, match="no images were given"):
         expand([])
+    with pytest.raises(InputError, match="name is empty, as from a shell variable"):
+        expand(["", tmp_path])
 
 
 @pytest.mark.parametrize(

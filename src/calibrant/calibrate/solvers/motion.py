@@ -26,6 +26,7 @@ from calibrant.arrays import Array, Index
 from calibrant.calibrate.solvers.relative import PosePairs, odd_part, pose_pairs, sample
 from calibrant.data.results import Check
 from calibrant.errors import RefusedError
+from calibrant.geometry import se3
 
 SIGMA_ROTATION = (5e-5, np.deg2rad(1.0))
 """Bounds of the rotation noise of a pose, rad. Below: no robot with a camera is better than 0.003 degrees, so data
@@ -58,7 +59,10 @@ AGREEMENT_OF_CHANCE = 0.5
 """Screws of A and B that differ by half of what wrongly paired motions differ by do not belong together: noise of a per
 cent of the motion gives about 0.01, random pairing gives 1."""
 
-DEGENERATE = ("poses", "pure-translation", "parallel-axes", "half-turns")
+SAME_NUMBERS = 1e-9
+"""Entries that differ by less (metres, or of a rotation matrix) are the same number, read or computed twice."""
+
+DEGENERATE = ("poses", "same-poses", "pure-translation", "parallel-axes", "half-turns")
 """The findings that leave X undetermined when they fail."""
 
 
@@ -111,8 +115,9 @@ def report_of(pairs: PosePairs, *, frame: str = "gripper") -> MotionReport:
     """`motion_report` of pairs that are checked already."""
     distinct = _distinct_poses(pairs)
     poses = _poses_finding(distinct, len(pairs))
-    if poses.status == "fail":
-        return MotionReport((poses,), distinct, float("nan"), float("inf"))
+    given = (poses, *_same_poses_finding(pairs))
+    if any(f.status == "fail" for f in given):
+        return MotionReport(given, distinct, float("nan"), float("inf"))
     sigma = rotation_noise(pairs)
     spectrum = _spectrum(pairs)
     axes = _axes_findings(spectrum, sigma, frame)
@@ -189,6 +194,19 @@ def _poses_finding(distinct: int, n: int) -> MotionFinding:
         return MotionFinding("poses", "warn", message, distinct)
     more = " or more" if distinct == MANY_POSES else ""
     return MotionFinding("poses", "ok", f"{distinct}{more} distinct poses{repeated if not more else ''}", distinct)
+
+
+def _same_poses_finding(pairs: PosePairs) -> tuple[MotionFinding, ...]:
+    """Fails when the target's poses are the robot's, or their inverses: X = Z = 1 closes that loop without an error."""
+    same = [float(np.abs(A - pairs.B).max()) for A in (pairs.A, se3.inverse(pairs.A))]
+    if min(same) > SAME_NUMBERS:
+        return ()
+    message = (
+        f"the {len(pairs)} target poses are the robot's poses{'' if same[0] <= SAME_NUMBERS else ', inverted'}, number "
+        "by number, so the camera comes out in the robot's own frame whatever was measured; give the poses of the "
+        "target in the camera (T_camera_target)"
+    )
+    return (MotionFinding("same-poses", "fail", message, min(same)),)
 
 
 def _axes_findings(s: _Spectrum, sigma: float, frame: str) -> tuple[MotionFinding, ...]:

@@ -29,6 +29,8 @@ def expand(paths: Iterable[str | Path] | str | Path) -> list[Path]:
     """
     files: list[Path] = []
     for item in [paths] if isinstance(paths, str | Path) else paths:
+        if item == "":  # pathlib takes it for the folder one stands in
+            raise InputError("an image's name is empty, as from a shell variable that is not set; '.' is this folder")
         files += _expand_one(Path(item).expanduser())
     if not files:
         raise InputError("no images were given; name image files, a pattern such as 'images/*.png', or a folder")

@@ -192,6 +192,7 @@ def _with_target_poses(request: ListRequest, raw: RawPoses) -> PairedData:
     measured = request.measured
     if measured.target_poses:
         target = read_poses(list(measured.target_poses), rotation=measured.target_pose_rotation)
+        _refuse_pairs_and_more(request, raw, target)
     elif raw.target is not None:
         target = raw.target
     else:
@@ -213,6 +214,19 @@ def _with_target_poses(request: ListRequest, raw: RawPoses) -> PairedData:
         pose_index=tuple(pose_index),
         target_reading=decided.finding,
     )
+
+
+def _refuse_pairs_and_more(request: ListRequest, raw: RawPoses, target: RawPoses) -> None:
+    """A file of pairs holds both lists: beside a second one the data do not say which is meant. Raises: InputError."""
+    for option, files, found in (
+        ("--poses", request.poses, raw),
+        ("--target-poses", request.measured.target_poses, target),
+    ):
+        if found.target is not None:
+            raise InputError(
+                f"{option} {', '.join(files)}: holds pairs, each robot pose with its target pose: give it as --poses "
+                "without --target-poses, or give two files with one list each"
+            )
 
 
 def _pair(raw: RawPoses, target: RawPoses, exclude: Sequence[str]) -> tuple[list[str], list[int], list[int], str]:

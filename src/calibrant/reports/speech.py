@@ -24,7 +24,7 @@ def brief(result: CalibrationResult) -> str:
     lines = [title(result), f"{VERDICT_WORDS[result.verdict]}.{known}"]
     facts = kind_of(result).headline(result)
     wide = max((len(fact.name) for fact in facts), default=0)
-    lines += [f"  {fact.name:<{wide}}  {fact.text}" for fact in facts]
+    lines += [f"  {fact.name:<{wide}}  {f'{fact.value} {fact.text}'.strip()}" for fact in facts]
     warned = _warned(result)
     for check in warned[:_MOST_WARNINGS]:
         text = f"{STATUS_WORDS[check.status]}: {check.name}: {check.message}"

@@ -53,7 +53,8 @@ def transform_facts(transforms: Iterable[TransformEstimate]) -> list[Fact]:
         if t is None or turns is None:
             continue
         label, note = f"{estimate.parent} → {estimate.child}", "1σ, worst axis"
-        facts.append(Fact(f"{label}, position", f"± {sigma_text(float(t.max()))} mm", note))
+        at = ", ".join(f"{f.name} {f.value_text}" for f in translation_figures(estimate))
+        facts.append(Fact(f"{label}, position", f"± {sigma_text(float(t.max()))} mm", f"{note}; {at} mm", at))
         if not is_point(estimate):
             facts.append(Fact(f"{label}, rotation", f"± {sigma_text(float(turns.max()))} deg", note))
     return facts

@@ -35,11 +35,13 @@ class MethodRow:
 
 @dataclass(frozen=True)
 class Fact:
-    """A line of the summary: what it is, the figure in words with its unit, and what it means."""
+    """A line of the summary: what it is, the figure in words with its unit, and what it means. value: what a figure
+    that is an uncertainty belongs to, where lines are as long as they need to be."""
 
     name: str
     text: str
     note: str = ""
+    value: str = ""
 
 
 def camera_figures(camera: Camera) -> list[Figure]:

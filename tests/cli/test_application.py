@@ -47,6 +47,31 @@ def test_an_unknown_command_is_unusable_input(calibrant) -> None:
     assert outcome.err == "calibrant: No such command 'calibrate'. See calibrant --help.\n"
 
 
+@pytest.mark.parametrize(
+    ("given", "meant"),
+    [
+        (["intrinsic"], "'intrinsic' (did you mean intrinsics?). See calibrant --help."),
+        (["tool", "tuch"], "'tool tuch' (did you mean touch?). See calibrant tool --help."),
+        (["--versoin"], "'--versoin' (did you mean --version?). See calibrant --help."),
+        (["intrinsics", "a.png", "--targt", "x"], "--targt (did you mean --target?). See calibrant intrinsics --help."),
+    ],
+)
+def test_a_misspelt_word_is_asked_back(calibrant, given: list[str], meant: str) -> None:
+    outcome = calibrant(*given)
+    assert (outcome.status, outcome.out) == (2, "")
+    assert outcome.err.endswith(f"{meant}\n")
+
+
+@pytest.mark.parametrize("columns", [40, 80, 120])
+def test_help_fits_the_terminal_and_stays_readable(calibrant, monkeypatch, columns: int) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    options = calibrant("hand-eye", "--help").out.split("Options:")[1].splitlines()
+    words = [line for line in options if not line.lstrip().startswith("-")]
+    assert max(map(len, words)) <= columns
+    # Words are read, not spelt: their column is half of a narrow terminal, not what the names have left.
+    assert max(len(line.strip()) for line in words) >= min(columns, 80) // 2 - 4
+
+
 def test_exit_status_and_streams_of_a_process(tmp_path: Path) -> None:
     done = process("intrinsics", "none.png", "--target", "chessboard:9x6:25mm", cwd=tmp_path)
     assert (done.returncode, done.stdout) == (2, "")

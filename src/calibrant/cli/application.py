@@ -10,13 +10,14 @@ import sys
 import traceback
 from collections.abc import Sequence
 
-from calibrant.cli.command import Command, UsageError, parse
+from calibrant.cli.command import Command, UsageError, nearest, parse
 from calibrant.cli.help import command_help, group_help
 from calibrant.errors import CalibrantError, CancelledError, RefusedError
 from calibrant.tasks.registry import GROUPS, TASKS
 
 ABOUT = "Calibrate cameras and robots, and prove it: from photos and robot poses to millimetres one can trust."
 HELP = ("--help", "-h")
+OPTIONS = (*HELP, "--version", "--install-completion")
 ORDER = (
     *("demo", "target", "detect", "capture", "intrinsics", "hand-eye", "pose", "doctor", "kinematics", "next-pose"),
     *("time-offset", "dynamic", "vanishing", "undistort", "report", "tool", "study"),
@@ -51,7 +52,8 @@ def _answered(given: list[str]) -> int:
         return _work(Command.of(name), rest)
     if name in GROUPS:
         if rest and rest[0] not in HELP:
-            raise UsageError(f"No such command '{name} {rest[0]}'. See calibrant {name} --help.")
+            meant = nearest(rest[0], [command for command, _ in _listed(f"{name} ")])
+            raise UsageError(f"No such command '{name} {rest[0]}'{meant}. See calibrant {name} --help.")
         sys.stdout.write(group_help(f"calibrant {name}", GROUPS[name], _listed(f"{name} ")))
         return 0
     if name in HELP:
@@ -68,7 +70,8 @@ def _answered(given: list[str]) -> int:
         sys.stdout.write(install())
         return 0
     what = "option" if name.startswith("-") else "command"
-    raise UsageError(f"No such {what} '{name}'. See calibrant --help.")
+    meant = nearest(name, OPTIONS if what == "option" else ORDER)
+    raise UsageError(f"No such {what} '{name}'{meant}. See calibrant --help.")
 
 
 def _listed(prefix: str) -> list[tuple[str, str]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -145,7 +145,8 @@ def _misuse(error: Exception, command: Command) -> str:
 
     argument = getattr(error, "argument", None)
     if isinstance(error, UnknownOptionError):
-        return f"No such option: {error.token.keyword or error.token.value}{_nearest(error.token.keyword, command)}"
+        flag = error.token.keyword or error.token.value
+        return f"No such option: {flag}{nearest(flag, command.flags)}"
     if isinstance(error, UnusedCliTokensError):
         return f"Unexpected argument: {' '.join(error.unused_tokens or ())}"
     if isinstance(error, MissingArgumentError) and argument is not None:
@@ -154,10 +155,11 @@ def _misuse(error: Exception, command: Command) -> str:
     return " ".join(str(error).split()).rstrip(".")
 
 
-def _nearest(flag: str | None, command: Command) -> str:
+def nearest(word: str, known: Iterable[str]) -> str:
+    """Asks whether the one of the known words that is most like this one was meant; empty where none is like it."""
     from difflib import get_close_matches
 
-    near = get_close_matches(flag or "", sorted(command.flags), n=1)
+    near = get_close_matches(word, sorted(known), n=1)
     return f" (did you mean {near[0]}?)" if near else ""
 
 

@@ -64,7 +64,7 @@ def _paragraphs(text: str) -> str:
 
 
 def _section(title: str, rows: Sequence[tuple[str, str]]) -> str:
-    column = min(NAMES, max(len(name) for name, _ in rows) + 2)
+    column = min(NAMES, max(len(name) for name, _ in rows) + 2, _width() // 2 - 2)  # words have half of a narrow one
     lines = [f"{title}:"]
     for name, words in rows:
         filled = textwrap.wrap(words, _width() - column - 2) or [""]

@@ -202,9 +202,9 @@ def _same_poses_finding(pairs: PosePairs) -> tuple[MotionFinding, ...]:
     if min(same) > SAME_NUMBERS:
         return ()
     message = (
-        f"the {len(pairs)} target poses are the robot's poses{'' if same[0] <= SAME_NUMBERS else ', inverted'}, number "
-        "by number, so the camera comes out in the robot's own frame whatever was measured; give the poses of the "
-        "target in the camera (T_camera_target)"
+        f"the {len(pairs)} target poses are the robot's poses once more, or their inverses, number by number: the "
+        "camera comes out in the robot's own frame whatever was measured; give the poses of the target in the camera "
+        "(T_camera_target)"
     )
     return (MotionFinding("same-poses", "fail", message, min(same)),)
 

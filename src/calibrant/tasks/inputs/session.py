@@ -61,7 +61,7 @@ def detect_boards(
     target: str,
     *,
     mirror_x: bool,
-    workers: str | None,
+    workers: int | str | None,
     cache: str | None = None,
     camera: str = "camera",
     refinement: Refinement | None = None,

@@ -102,12 +102,15 @@ def _taken(name: str, kind: Any, value: Any) -> Any:
         return Path(value)
     if wanted is str and isinstance(value, str | Path):
         return str(value)
+    if int in get_args(kind) and isinstance(value, int) and not isinstance(value, bool):
+        return value
     if wanted is float and isinstance(value, int | float) and not isinstance(value, bool):
         return float(value)
     if isinstance(wanted, type) and isinstance(value, wanted) and (wanted is bool or not isinstance(value, bool)):
         return value
+    number = "a whole number, " if int in get_args(kind) else ""
     what = "True or False" if wanted is bool else "text or a path" if wanted in (str, Path) else str(wanted)
-    raise InputError(f"{name} takes {what}, got {value!r}")
+    raise InputError(f"{name} takes {number}{what}, got {value!r}")
 
 
 def inner_of(kind: Any) -> Any:

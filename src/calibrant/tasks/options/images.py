@@ -50,7 +50,7 @@ class SearchOptions:
     """The camera delivers mirror images: flip them left to right."""
     exclude: Annotated[tuple[str, ...], Option("NAMES")] = ()
     """Images to leave out, by file name."""
-    workers: Annotated[str | None, Option("N")] = None
+    workers: Annotated[str | int | None, Option("N")] = None
     """Processes that detect, or a Dask scheduler's address: tcp://HOST:PORT."""
     cache: Annotated[str | None, Option("DIR")] = None
     """Keep what was detected in this folder (else in the user's cache folder); none: keep nothing."""

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from calibrant.data import CalibrationResult
-    from calibrant.reports.truth import Compared
     from calibrant.simulate.cell import Cell
     from calibrant.simulate.scenes import Setup
+    from calibrant.tasks.demo.comparison import Compared
 
 EXAMPLE = 'cb.demo(seed=1, out="calibrant-demo")'
 
@@ -107,8 +107,8 @@ def run_demo(folder: Path, *, seed: int, views: int, setup: Setup, listener: Lis
     """
     from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics
     from calibrant.data.result_file import write_text
-    from calibrant.reports.truth import compared
     from calibrant.simulate.cell import make_cell, photograph
+    from calibrant.tasks.demo.comparison import compared
     from calibrant.tasks.robots import hand_eye as task
 
     cell = make_cell(seed, setup=setup, views=views)
@@ -164,7 +164,7 @@ def _claim(folder: Path) -> None:
 
 
 def _truth_text(cell: Cell) -> str:
-    from calibrant.reports.truth import truth_names
+    from calibrant.tasks.demo.comparison import truth_names
 
     X_name, Z_name = truth_names(cell.setup)
     truth = {
@@ -205,7 +205,7 @@ def _said(done: Demo, folder: Path) -> RenderableType:
     from rich.text import Text
 
     from calibrant.reports.terminal import summary
-    from calibrant.reports.truth import comparison
+    from calibrant.tasks.demo.comparison import comparison
 
     cell = done.compared.cell
     # An option a line: a whole command line is wider than a terminal, which would cut it.

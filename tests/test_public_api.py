@@ -13,6 +13,35 @@ import calibrant as cb
 from calibrant.simulate.scenes import hand_eye_scene, intrinsics_scene
 
 
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (lambda: cb.read(3), "no path of a file"),
+        (lambda: cb.read_poses(3), "files takes a text, a path"),
+        (lambda: cb.detect(3, target="chessboard:9x6:25mm"), "images are names of files"),
+        (lambda: cb.detect([None], target="chessboard:9x6:25mm"), "images are names of files"),
+        (lambda: cb.parse_target(3), "a target's spec is text"),
+        (lambda: cb.calibrate_intrinsics("photos"), "not str; calibrant.intrinsics takes photos"),
+        (lambda: cb.calibrate_hand_eye("a.csv", "b.csv", setup="eye-in-hand"), "matrices of numbers, .* got 'a.csv'"),
+        (lambda: cb.calibrate_hand_eye(3, 4, setup="eye-in-hand"), "expected 4x4 matrices"),
+        (lambda: cb.RobotPoses.from_matrices([[1.0], [2.0, 3.0]]), "expected 4x4 matrices of numbers"),
+    ],
+)
+def test_values_of_the_wrong_kind_are_unusable_input(wrong, words: str) -> None:
+    """As the commands say it, not what came of it some functions further down."""
+    with pytest.raises(cb.InputError, match=words):
+        wrong()
+
+
+def test_poses_read_from_a_file_are_shown_in_one_line(tmp_path) -> None:
+    rows = [f"{0.1 * i},0.2,{0.5 + 0.05 * i},0,0,{np.sin(0.2 * i):.6f},{np.cos(0.2 * i):.6f}" for i in range(1, 6)]
+    (tmp_path / "poses.csv").write_text("x,y,z,qx,qy,qz,qw\n" + "\n".join(rows) + "\n")
+    shown = repr(cb.read_poses(tmp_path / "poses.csv")[0])
+    assert shown.startswith("PoseNotation(5 poses, ")
+    assert "quaternions x y z w, T_base_gripper" in shown
+    assert len(shown) < 300
+
+
 def test_the_import_loads_nothing_heavy() -> None:
     code = (
         "import sys, calibrant\n"

@@ -54,4 +54,4 @@ def checkpoint() -> None:
     """Raises: CancelledError when the work that this is a step of was asked to stop."""
     token = _token.get()
     if token is not None and token.cancelled:
-        raise CancelledError("cancelled; nothing was written")
+        raise CancelledError("cancelled; no result was written")

@@ -60,6 +60,6 @@ class MissingExtraError(CalibrantError):
 
 
 class CancelledError(CalibrantError):
-    """The work was asked to stop, and stopped; nothing was written. See `calibrant.cancel`."""
+    """The work was asked to stop, and stopped; no result was written. See `calibrant.cancel`."""
 
     exit_status = 130

@@ -23,7 +23,7 @@ ORDER = (
     *("time-offset", "dynamic", "vanishing", "undistort", "report", "tool", "study"),
 )
 """How the list of commands is sorted: as a person meets them."""
-INTERRUPTED = "interrupted; nothing was written"
+INTERRUPTED = "interrupted; no result was written"
 
 
 def run(arguments: Sequence[str] | None = None) -> int:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from calibrant.arrays import Array
@@ -42,7 +41,7 @@ class RobotPoses:
     @classmethod
     def from_matrices(cls, T_base_gripper: ArrayLike, *, ids: Iterable[str] | None = None) -> RobotPoses:
         """Poses from an (n, 4, 4) array, metres, named "0", "1", … unless `ids` says otherwise."""
-        T = np.asarray(T_base_gripper, dtype=np.float64)
+        T = se3.check(T_base_gripper, name="T_base_gripper")
         return cls(tuple(str(i) for i in range(len(T))) if ids is None else tuple(str(i) for i in ids), T)
 
     def __len__(self) -> int:

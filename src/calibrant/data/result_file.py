@@ -41,6 +41,8 @@ def read_result(path: str | Path) -> CalibrationResult:
         >>> import calibrant as cb
         >>> result = cb.read("camera.json")  # doctest: +SKIP
     """
+    if not isinstance(path, str | Path):
+        raise InputError(f"cannot read {path!r}: it is no path of a file")
     path = Path(path)
     try:
         text = path.read_text(encoding="utf-8")

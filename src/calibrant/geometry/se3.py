@@ -127,7 +127,11 @@ def check(T: ArrayLike, *, name: str, tolerance: float = 1e-4) -> Array:
     may rely on R R^T = I. Args: name, how messages call the input.
     Raises: InputError naming the first bad matrix: shape, NaN, last row, reflection, not orthonormal.
     """
-    m = np.array(T, dtype=np.float64)
+    try:
+        m = np.array(T, dtype=np.float64)
+    except (TypeError, ValueError):
+        found = str(T)[:60]
+        raise InputError(f"{name}: expected 4x4 matrices of numbers, shape (..., 4, 4), got {found!r}") from None
     if m.shape[-2:] != (4, 4):
         raise InputError(f"{name}: expected 4x4 matrices, shape (..., 4, 4), got shape {m.shape}")
     flat = m.reshape(-1, 4, 4)

@@ -55,6 +55,8 @@ def parse_target(spec: str) -> Target:
         >>> len(cb.parse_target("chessboard:9x6:25mm").points)
         54
     """
+    if not isinstance(spec, str):
+        raise InputError(f"a target's spec is text, such as chessboard:9x6:25mm, or a file's name; got {spec!r}")
     text = spec.strip()
     if text.lower().endswith((".yaml", ".yml")) and ":" not in text.removeprefix(Path(text).drive):
         return _parse_spec(_spec_in_yaml(Path(text)), where=f"{text}: ")

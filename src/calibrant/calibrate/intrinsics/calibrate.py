@@ -10,6 +10,7 @@ from calibrant.calibrate.intrinsics.target_shape import FLAT
 from calibrant.calibrate.review.review import review
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Observations
+from calibrant.errors import InputError
 
 
 def calibrate_intrinsics(
@@ -38,6 +39,12 @@ def calibrate_intrinsics(
         >>> sorted(result.camera.parameters)[:4]
         ['cx', 'cy', 'fx', 'fy']
     """
+    if not isinstance(observations, Observations):
+        found = type(observations).__name__
+        raise InputError(
+            f"calibrate_intrinsics takes Observations, as calibrant.detect gives them, not {found}; "
+            "calibrant.intrinsics takes photos"
+        )
     if model == AUTO:
         return review(calibrate_auto(observations, fix=fix, initial=initial, max_error_px=max_error_px))
     kept = calibrate_keeping(

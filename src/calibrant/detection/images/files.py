@@ -28,7 +28,10 @@ def expand(paths: Iterable[str | Path] | str | Path) -> list[Path]:
     Raises: InputError naming the file, pattern or folder that gives no image.
     """
     files: list[Path] = []
-    for item in [paths] if isinstance(paths, str | Path) else paths:
+    items = list(paths) if isinstance(paths, Iterable) and not isinstance(paths, str) else [paths]
+    for item in items:
+        if not isinstance(item, str | Path):
+            raise InputError(f"images are names of files, folders or patterns; got {item!r}")
         if item == "":  # pathlib takes it for the folder one stands in
             raise InputError("an image's name is empty, as from a shell variable that is not set; '.' is this folder")
         files += _expand_one(Path(item).expanduser())

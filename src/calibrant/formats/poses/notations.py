@@ -51,6 +51,9 @@ class PoseNotation:
     by_axis_names: bool = False
     times: Array | None = None
 
+    def __repr__(self) -> str:
+        return f"PoseNotation({len(self.ids)} poses, {self.source}: {self.description})"
+
     @property
     def rotation_words(self) -> str:
         """How the rotations are written, in words."""

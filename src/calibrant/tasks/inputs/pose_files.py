@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from calibrant.errors import InputError
-from calibrant.tasks.options.fields import build, spread
+from calibrant.tasks.options.fields import build, spread, words_of
 from calibrant.tasks.options.poses import PoseOptions
 from calibrant.tasks.options.robots import RobotOptions
 
@@ -44,9 +44,9 @@ def read_poses(
     unknown = sorted(set(options) - known)
     if unknown:
         raise InputError(f"read_poses has no option {unknown[0]!r}; it has {', '.join(sorted(known))}")
-    named = [files] if isinstance(files, str | Path) else list(files)
+    named = list(words_of("files", files))
     form, arm = (build(group, options) for group in (PoseOptions, RobotOptions))
-    found = notations(form.read([str(file) for file in named], arm))
+    found = notations(form.read(named, arm))
     if T_camera_target is None:
         return found
     from calibrant.diagnose.conventions.decide import decide

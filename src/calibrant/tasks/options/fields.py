@@ -97,7 +97,7 @@ def _taken(name: str, kind: Any, value: Any) -> Any:
         return None
     wanted = inner_of(kind)
     if get_origin(wanted) is tuple:
-        return tuple(_words(name, value))
+        return tuple(words_of(name, value))
     if wanted is Path and isinstance(value, str | Path):
         return Path(value)
     if wanted is str and isinstance(value, str | Path):
@@ -118,12 +118,13 @@ def inner_of(kind: Any) -> Any:
     return next(k for k in get_args(kind) if k is not NoneType) if NoneType in get_args(kind) else kind
 
 
-def _words(name: str, value: Any) -> Iterator[str]:
+def words_of(name: str, value: Any) -> Iterator[str]:
+    """The texts of one value, of several, or of several by name, NAME=VALUE. Raises: InputError for anything else."""
     if isinstance(value, str | Path):
         yield str(value)
     elif isinstance(value, Mapping):
         for key, inner in value.items():
-            yield from (f"{key}={word}" for word in _words(name, inner))
+            yield from (f"{key}={word}" for word in words_of(name, inner))
     elif isinstance(value, Iterable):
         for word in value:
             if not isinstance(word, str | Path):

@@ -55,6 +55,9 @@ class TargetPoses:
             )
         object.__setattr__(self, "T_camera_target", T)
 
+    def __repr__(self) -> str:
+        return f"TargetPoses({len(self.ids)} poses)"
+
 
 @dataclass(frozen=True, eq=False)
 class Pictures:

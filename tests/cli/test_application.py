@@ -72,6 +72,13 @@ def test_help_fits_the_terminal_and_stays_readable(calibrant, monkeypatch, colum
     assert max(len(line.strip()) for line in words) >= min(columns, 80) // 2 - 4
 
 
+def test_help_says_what_holds_without_an_option(calibrant) -> None:
+    words = " ".join(calibrant("study", "methods", "--help").out.split())
+    assert "--views N Simulated views. Default: 6." in words
+    assert "Write an HTML report here. Default" not in words  # nothing, where nothing is done
+    assert "Camera model, as of intrinsics. Default: brown." in " ".join(calibrant("capture", "--help").out.split())
+
+
 def test_exit_status_and_streams_of_a_process(tmp_path: Path) -> None:
     done = process("intrinsics", "none.png", "--target", "chessboard:9x6:25mm", cwd=tmp_path)
     assert (done.returncode, done.stdout) == (2, "")

@@ -72,3 +72,19 @@ def test_places_that_cannot_be_written_to(tmp_path: Path) -> None:
         check_folder(tmp_path / "file", option="--overlays")
     with pytest.raises(InputError, match=r"--overlays .*there is no folder .*none; make it first"):
         check_folder(tmp_path / "none" / "a", option="--overlays")
+
+
+def test_folders_that_may_not_be_written_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Said before the work; and where the system refuses only then, in words too."""
+    with monkeypatch.context() as closed:
+        closed.setattr("os.access", lambda path, mode: False)
+        for path in (tmp_path, tmp_path / "new"):
+            with pytest.raises(InputError, match=f"--overlays {path}: the folder {tmp_path} is not writable"):
+                check_folder(path, option="--overlays")
+
+    def refuse(path: Path) -> None:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "mkdir", refuse)
+    with pytest.raises(InputError, match=r"cannot make the folder .*new: Permission denied"):
+        write_documents([Document(tmp_path / "new" / "a.txt", b"a")], force=False)

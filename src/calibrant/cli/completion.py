@@ -32,10 +32,12 @@ def install() -> str:
         (groups[first] if second else app).command(_completed(Command.of(name)), name=second or first)
     try:
         path = app.install_completion()
-    except (ShellDetectionError, CycloptsError, OSError) as error:
+        # Bash alone: folders get their slash, and where nothing is known files are offered, as without completion.
+        path.write_text(path.read_text().replace("complete -F ", "complete -o filenames -o bashdefault -o default -F "))
+    except (ShellDetectionError, CycloptsError) as error:
         raise InputError(f"no completion for this shell: {error}; bash, zsh and fish have one") from None
-    # Bash alone: folders get their slash, and where nothing is known files are offered, as without completion.
-    path.write_text(path.read_text().replace("complete -F ", "complete -o filenames -o bashdefault -o default -F "))
+    except OSError as error:
+        raise InputError(f"cannot write the completion {error.filename}: {error.strerror}") from None
     return (
         f"Written: {path}\nA line at the end of your shell's start-up file reads it (fish reads it without one). "
         "It works in shells that are started from now on.\n"

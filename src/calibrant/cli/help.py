@@ -25,7 +25,7 @@ def command_help(command: Command) -> str:
     parts = [f"Usage: calibrant {command.name} {words}", _paragraphs(inspect.getdoc(command.task.Request) or "")]
     if positional:
         parts.append(_section("Arguments", [(f.option.metavar, f.help) for f in positional]))
-    rows = [(_names(f), f"{_help(f, command)}{' Required.' if f.required else ''}") for f in named]
+    rows = [(_names(f), f"{_help(f, command)}{_else(f)}") for f in named]
     parts.append(_section("Options", [*rows, ("-h, --help", "Show this message.")]))
     return "\n\n".join(parts) + "\n"
 
@@ -48,6 +48,14 @@ def _names(field: Field) -> str:
 
 def _help(field: Field, command: Command) -> str:
     return command.entry.out if field.name == "out" and "out" in command.entry.outputs else field.help
+
+
+def _else(field: Field) -> str:
+    """What holds when the option is not given, where its words do not say it."""
+    if field.required:
+        return " Required."
+    silent = field.kind is bool or field.default in (None, "", (), "auto") or "default" in field.help
+    return "" if silent else f" Default: {field.default}."
 
 
 def _width() -> int:

@@ -26,12 +26,13 @@ def check_writable(path: Path, *, force: bool) -> None:
 
 def check_folder(path: Path, *, option: str) -> None:
     """Raises: InputError when files cannot be written into this folder, which need not be there yet."""
-    if path.is_dir():
-        return
-    if path.exists():
+    if path.exists() and not path.is_dir():
         raise InputError(f"{option} {path} is a file; give a folder")
     if not path.parent.is_dir():
         raise InputError(f"{option} {path}: there is no folder {path.parent}; make it first")
+    place = path if path.is_dir() else path.parent
+    if not os.access(place, os.W_OK):
+        raise InputError(f"{option} {path}: the folder {place} is not writable")
 
 
 def write_documents(documents: Iterable[Document], *, force: bool) -> list[Path]:
@@ -58,7 +59,10 @@ def write_documents(documents: Iterable[Document], *, force: bool) -> list[Path]
 def _write_draft(document: Document, drafts: dict[Path, Path], made: list[Path], *, force: bool) -> None:
     path = document.path
     if not path.parent.exists() and path.parent.parent.is_dir():
-        path.parent.mkdir()
+        try:
+            path.parent.mkdir()
+        except OSError as error:
+            raise InputError(f"cannot make the folder {path.parent}: {error.strerror or error}") from None
         made.append(path.parent)
     check_writable(path, force=force)
     if path in drafts:

@@ -57,4 +57,4 @@ class TargetPoseOptions:
     target_poses: Annotated[tuple[str, ...], Option("FILES")] = ()
     """Poses of the target in the camera, instead of photos."""
     target_pose_rotation: Annotated[str, Option("FORM")] = "auto"
-    """The same of --target-poses, where the data cannot tell."""
+    """How the rotations of --target-poses are written, where the data cannot tell: as --pose-rotation."""

@@ -16,7 +16,7 @@ translations and planar motions leave open); Chen 1991 (the screws of A and B ar
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -108,16 +108,19 @@ def motion_report(A: ArrayLike, B: ArrayLike, *, frame: str = "gripper") -> Moti
     axes are given: "gripper" for eye-in-hand, "base" for eye-to-hand.
     Raises: InputError for shapes that do not match or matrices that are not rigid.
     """
-    return report_of(pose_pairs(A, B), frame=frame)
+    pairs = pose_pairs(A, B)
+    report = report_of(pairs, frame=frame)
+    same = _same_poses_finding(pairs)
+    return replace(report, findings=(*report.findings[:1], *same)) if same else report
 
 
 def report_of(pairs: PosePairs, *, frame: str = "gripper") -> MotionReport:
-    """`motion_report` of pairs that are checked already."""
+    """`motion_report` of pairs that are checked already, for closed forms: to these a camera in the robot's own frame is
+    a place like any other, which no data that were measured would say."""
     distinct = _distinct_poses(pairs)
     poses = _poses_finding(distinct, len(pairs))
-    given = (poses, *_same_poses_finding(pairs))
-    if any(f.status == "fail" for f in given):
-        return MotionReport(given, distinct, float("nan"), float("inf"))
+    if poses.status == "fail":
+        return MotionReport((poses,), distinct, float("nan"), float("inf"))
     sigma = rotation_noise(pairs)
     spectrum = _spectrum(pairs)
     axes = _axes_findings(spectrum, sigma, frame)
@@ -198,8 +201,8 @@ def _poses_finding(distinct: int, n: int) -> MotionFinding:
 
 def _same_poses_finding(pairs: PosePairs) -> tuple[MotionFinding, ...]:
     """Fails when the target's poses are the robot's, or their inverses: X = Z = 1 closes that loop without an error."""
-    same = [float(np.abs(A - pairs.B).max()) for A in (pairs.A, se3.inverse(pairs.A))]
-    if min(same) > SAME_NUMBERS:
+    same = [float(np.abs(A - pairs.B).max(initial=0.0)) for A in (pairs.A, se3.inverse(pairs.A))]
+    if not len(pairs) or min(same) > SAME_NUMBERS:
         return ()
     message = (
         f"the {len(pairs)} target poses are the robot's poses once more, or their inverses, number by number: the "

@@ -115,8 +115,8 @@ def motion_report(A: ArrayLike, B: ArrayLike, *, frame: str = "gripper") -> Moti
 
 
 def report_of(pairs: PosePairs, *, frame: str = "gripper") -> MotionReport:
-    """`motion_report` of pairs that are checked already, for closed forms: to these a camera in the robot's own frame is
-    a place like any other, which no data that were measured would say."""
+    """`motion_report` of pairs that are checked already, for closed forms: to these a camera in the robot's own frame
+    is a place like any other, which no data that were measured would say."""
     distinct = _distinct_poses(pairs)
     poses = _poses_finding(distinct, len(pairs))
     if poses.status == "fail":

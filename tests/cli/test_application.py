@@ -79,6 +79,27 @@ def test_help_says_what_holds_without_an_option(calibrant) -> None:
     assert "Camera model, as of intrinsics. Default: brown." in " ".join(calibrant("capture", "--help").out.split())
 
 
+def test_figures_are_whole_on_a_narrow_terminal(calibrant, monkeypatch) -> None:
+    """A line that is too long is folded by the terminal; a figure that is cut is lost."""
+    file = Path(__file__).parents[1] / "data" / "format_one" / "hand-eye.json"
+    wide = calibrant("report", file).out
+    monkeypatch.setenv("COLUMNS", "30")
+    narrow = calibrant("report", file).out
+    assert narrow.count("…") <= wide.count("…")
+    assert max(map(len, narrow.splitlines())) <= 72
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
+@pytest.mark.parametrize("command", [["--help"], ["report", "hand-eye.json"]])
+def test_output_that_cannot_be_written_is_said(command: list[str]) -> None:
+    folder = Path(__file__).parents[1] / "data" / "format_one"
+    with open("/dev/full", "w") as full:
+        arguments = [sys.executable, "-u", "-m", "calibrant", *command]
+        done = subprocess.run(arguments, stdout=full, stderr=subprocess.PIPE, text=True, cwd=folder, timeout=60)
+    assert done.returncode == 2
+    assert done.stderr.startswith("calibrant: cannot write to standard output: No space left on device")
+
+
 def test_exit_status_and_streams_of_a_process(tmp_path: Path) -> None:
     done = process("intrinsics", "none.png", "--target", "chessboard:9x6:25mm", cwd=tmp_path)
     assert (done.returncode, done.stdout) == (2, "")

@@ -39,9 +39,12 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         sys.stderr.write(f"calibrant: {INTERRUPTED}\n")
         return 130
+    except OSError as error:
+        if error.filename is not None:
+            return _failed(error, 1, debug, text=_internal(error))
+        return _failed(error, 2, debug, text=f"cannot write to standard output: {error.strerror or error}")
     except Exception as error:  # noqa: BLE001 - the last line of defence: a defect of ours, said so
-        text = f"internal error: {type(error).__name__}: {error}. Run again with --debug and report it."
-        return _failed(error, 1, debug, text=text)
+        return _failed(error, 1, debug, text=_internal(error))
 
 
 def _answered(given: list[str]) -> int:
@@ -104,6 +107,10 @@ def _work(command: Command, arguments: Sequence[str]) -> int:
         raise explained(error, call) from error
     finish(outcome, call)
     return 0
+
+
+def _internal(error: Exception) -> str:
+    return f"internal error: {type(error).__name__}: {error}. Run again with --debug and report it."
 
 
 def _failed(error: BaseException, status: int, debug: bool, *, text: str | None = None) -> int:

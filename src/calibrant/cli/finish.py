@@ -16,10 +16,14 @@ from calibrant.tasks.outcome import Document, Outcome
 from calibrant.tasks.writing import write_documents
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from calibrant.data import CalibrationResult
     from calibrant.diagnose.look import Look
 
 _PICTURES = (".png", ".jpg", ".jpeg", ".jpe", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm", ".exr", ".hdr")
+NARROWEST = 72
+"""Columns that the widest table of a summary needs to show its figures whole."""
 _LISTED = 3
 """Pictures of one folder that are named; of more, their number."""
 
@@ -86,17 +90,24 @@ def _page(seen: Look) -> bytes:
 
 
 def _show(outcome: Outcome, seen: Look | None) -> None:
-    from rich.console import Console
     from rich.text import Text
 
     if outcome.summary is not None:
         words = outcome.summary()
         # Lines of text are as long as their words; what Rich lays out itself is laid into the terminal's width.
-        Console().print(words, soft_wrap=isinstance(words, Text))
+        _console().print(words, soft_wrap=isinstance(words, Text))
     elif seen is not None:
         from calibrant.reports.terminal import summary
 
-        Console().print(summary(seen))
+        _console().print(summary(seen))
+
+
+def _console() -> Console:
+    """Standard output. A table that a narrow terminal cannot hold is folded by the terminal: no figure is cut."""
+    from rich.console import Console
+
+    console = Console()
+    return console if console.width >= NARROWEST else Console(width=NARROWEST)
 
 
 def _listed(written: list[Path]) -> list[str]:

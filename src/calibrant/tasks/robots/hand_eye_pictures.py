@@ -94,7 +94,21 @@ def read_lists(names: Names, common: ListRequest, *, joined: bool) -> list[ReadL
             lists.append(_read_between(names, common, camera, robot, lists))
         else:
             lists.append(_read_one(names, common, camera, robot, joined=joined))
+    _refuse_shared_photos(lists)
     return lists
+
+
+def _refuse_shared_photos(lists: Sequence[ReadList]) -> None:
+    """A photo under two cameras' names is one measurement that would count twice. Raises: InputError."""
+    owner: dict[Path, str] = {}
+    for read in lists:
+        seen = None if read.pictures is None else read.pictures.seen
+        for file in [view.file for view in seen.views if view.file is not None] if seen is not None else []:
+            first = owner.setdefault(Path(file).resolve(), read.camera)
+            if first != read.camera:
+                raise InputError(
+                    f"--images: {file} is a photo of {first} and of {read.camera}; each camera has photos of its own"
+                )
 
 
 def alone_request(names: Names, common: ListRequest, camera: str, robot: str, poses_of: str) -> ListRequest:
@@ -175,9 +189,9 @@ def _robot_of(names: Names, camera: str, robot: str) -> str:
     if robot in names.poses:
         return robot
     if robot or names.setups.get(camera) != STANDING:
-        known = ", ".join(names.poses)
+        known = f"--poses names {', '.join(names.poses)}" if any(names.poses) else "--poses names none"
         asked = f"robot {robot!r}, which has no poses" if robot else "no robot"
-        raise InputError(f"--images {camera}{'@' + robot if robot else ''}=…: {asked}; --poses names {known}")
+        raise InputError(f"--images {camera}{'@' + robot if robot else ''}=…: {asked}; {known}")
     return next(iter(names.poses))
 
 

@@ -94,6 +94,6 @@ def _differences(given: Camera, fresh: Camera) -> str:
     """The focal length and principal point in both."""
     names = [n for n in ("fx", "cx", "cy") if n in given.parameters and n in fresh.parameters]
     return ", ".join(
-        f"{n} {given.parameters[n]:.1f} px given, {fresh.parameters[n]:.1f} +- {fresh.sigma.get(n, 0.0):.1g} px found"
+        f"{n} {given.parameters[n]:.1f} px given, {fresh.parameters[n]:.1f} ± {fresh.sigma.get(n, 0.0):.1g} px found"
         for n in names
     )

@@ -51,7 +51,7 @@ def examine(case: Case) -> list[Finding]:
     if away < unsure or (sigma > 0 and t_tail(len(found) - 1, away / sigma) > 1 - SURE):
         return []
     message = (
-        f"the markers measure {1e3 * value * target.marker:.3g} +- {1e3 * sigma * target.marker:.1g} mm if the squares "
+        f"the markers measure {1e3 * value * target.marker:.3g} ± {1e3 * sigma * target.marker:.1g} mm if the squares "
         f"measure {1e3 * target.square:.4g} mm, but {1e3 * target.marker:.4g} mm were given; this calibration uses the "
         "corners of the squares alone and is not affected"
     )

@@ -51,7 +51,7 @@ def examine(case: Case) -> list[Finding]:
         return []  # motions that have nothing in common have no scale either
     evidence = Evidence(case.loop, repaired.loop)
     unit = next((words for ratio, words in UNITS.items() if abs(value / ratio - 1) < UNIT_SHARE), None)
-    text = f"{value:.4f} +- {sigma:.4f} times as large as given"
+    text = f"{value:.4f} ± {sigma:.4f} times as large as given"
     cause = f" ({unit})" if unit else ""
     share = f"; at that size {evidence.text}"
     gross = max(value, 1 / value) > WRONG_UNIT

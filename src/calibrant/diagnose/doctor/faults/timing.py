@@ -70,7 +70,7 @@ def examine(case: Case) -> list[Finding]:
         return []
     evidence = Evidence(loop_of(single.deviation), loop_of(again.deviation))
     message = (
-        f"the robot poses were read {abs(1e3 * delay):.3g} +- {1e3 * sigma:.2g} ms "
+        f"the robot poses were read {abs(1e3 * delay):.3g} ± {1e3 * sigma:.2g} ms "
         f"{'earlier' if delay > 0 else 'later'} than the pictures: taken at the same time, {evidence.text}"
     )
     return [

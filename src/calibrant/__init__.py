@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from calibrant.calibrate.cell.problem.joint_offsets import JointReadings as JointReadings
     from calibrant.calibrate.cell.problem.layout import Pictures as Pictures
     from calibrant.calibrate.cell.problem.layout import TargetPoses as TargetPoses
+    from calibrant.calibrate.cell.rig import calibrate_rig as calibrate_rig
     from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics as calibrate_intrinsics
     from calibrant.cameras import Camera as Camera
     from calibrant.data import CalibrationResult as CalibrationResult
@@ -73,6 +74,7 @@ _PUBLIC = {
     "calibrate_cell": ("calibrant.calibrate.cell.calibrate", "calibrate_cell"),
     "calibrate_hand_eye": ("calibrant.calibrate.cell.hand_eye", "calibrate_hand_eye"),
     "calibrate_intrinsics": ("calibrant.calibrate.intrinsics.calibrate", "calibrate_intrinsics"),
+    "calibrate_rig": ("calibrant.calibrate.cell.rig", "calibrate_rig"),
     "calibrate_several": ("calibrant.calibrate.cell.calibrate", "calibrate_several"),
     "detect": ("calibrant.detection.pipeline", "detect"),
     "doctor": ("calibrant.tasks.verbs", "doctor"),

@@ -53,7 +53,7 @@ def rig(seed: int) -> Solution:
             uv = camera.project(se3.apply(M, points)) + 0.1 * rng.normal(size=(len(points), 2))
             views.append(View(f"{name}{i}", points, uv, np.arange(len(points)), camera=name, moment=str(i)))
     observations = Observations(tuple(views), {"a": camera.image_size, "b": camera.image_size})
-    return fit_rig(observations, fix=("k3",)).estimate.solution
+    return fit_rig(observations, fix=("k3",)).noise.solution
 
 
 def images(seed: int) -> Solution:

@@ -52,12 +52,13 @@ def test_every_kind_is_registered() -> None:
 
 
 def made_kinds() -> set[str]:
-    """The kind, written out, of every result that is made in the package."""
+    """The kind, written out, of every result that is made in the package; both of a choice."""
     found = set()
     for file in PACKAGE.rglob("*.py"):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "CalibrationResult":
                 given = [*node.args[:1], *(k.value for k in node.keywords if k.arg == "kind")]
+                given += [n for a in given if isinstance(a, ast.IfExp) for n in (a.body, a.orelse)]
                 found |= {a.value for a in given if isinstance(a, ast.Constant)}
     return found
 

@@ -20,7 +20,8 @@ class SigmaRobot:
 class PictureList:
     """A list of pictures: the camera they are of, the robot at whose poses they were taken, who carries what.
 
-    setup: eye-in-hand, eye-to-hand, standing, or hand-to-hand, where robot `other` carries the target.
+    setup: eye-in-hand, eye-to-hand, standing, hand-to-hand, where robot `other` carries the target, or handheld, which
+    knows no robot (an empty name).
     """
 
     camera: str

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import calibrant as cb
 from calibrant.calibrate.cell.rig import calibrate_rig
+from calibrant.cameras import Camera
 from calibrant.data import Observations, View
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3, so3
@@ -85,6 +88,75 @@ def test_a_rig_that_moved_is_noticed() -> None:
     check = calibrate_rig(replace(scene, views=tuple(views))).check("rigidity")
     assert check.status == "warn"
     assert "moved against each other" in check.message
+
+
+def test_a_rig_is_a_cell_without_robots() -> None:
+    """The cell's door and the rig's: the same numbers, checks and verdict."""
+    scene = rig_scene(5)
+    rig = cb.calibrate_rig(scene)
+    cell = cb.calibrate_cell({}, [cb.Pictures(name, "handheld", scene.of_camera(name)) for name in NAMES])
+    assert (cell.kind, cell.verdict, cell.checks) == (rig.kind, rig.verdict, rig.checks)
+    assert [(t.parent, t.child) for t in rig.transforms] == [("left", "middle"), ("left", "right"), ("middle", "right")]
+    for a, b in zip(cell.transforms, rig.transforms, strict=True):
+        np.testing.assert_array_equal(a.matrix, b.matrix)
+        np.testing.assert_array_equal(a.covariance, b.covariance)
+    assert rig.joint_covariance is not None
+    assert rig.joint_covariance.frames == (("left", "middle"), ("left", "right"))
+    own = rig.transform("left", "right").covariance
+    assert own is not None
+    np.testing.assert_allclose(rig.joint_covariance.matrix[6:, 6:], own, rtol=1e-9)
+    np.testing.assert_allclose(rig.transform("middle", "right").matrix, truth(1, 2), atol=1e-3)
+
+
+def test_cameras_with_known_lenses_are_held_to_them() -> None:
+    scene = rig_scene(6)
+    pictures = [cb.Pictures(name, "handheld", scene.of_camera(name)) for name in NAMES]
+    known = Camera(CAMERA.model, CAMERA.image_size, CAMERA.values)
+    result = cb.calibrate_cell({}, pictures, cameras=dict.fromkeys(NAMES, known))
+    np.testing.assert_array_equal(result.cameras["right"].values, CAMERA.values)
+    # Chi-square of 6 degrees of freedom: above 22.5 once in a thousand.
+    assert normalised(result.transform("left", "right"), truth(0, 2)) < 22.5
+
+
+def test_what_is_fixed_stays_fixed_in_the_rig() -> None:
+    result = calibrate_rig(rig_scene(7), fix=("aspect", "k3"))
+    for camera in result.cameras.values():
+        assert camera.parameters["fx"] == pytest.approx(camera.parameters["fy"], rel=1e-12)
+        assert camera.parameters["k3"] == 0
+    assert result.options == {"model": "brown", "fix": ["aspect", "k3"], "reference": "left"}
+
+
+def test_a_result_comes_back_from_its_file(tmp_path: Path) -> None:
+    result = calibrate_rig(rig_scene(8))
+    again = cb.read(result.write(tmp_path / "rig.json"))
+    assert again.cell == result.cell
+    assert again.summary() == result.summary()
+
+
+def test_points_beyond_the_noise_are_left_out_of_the_rig() -> None:
+    """A point that only the other cameras show to be wrong costs that point, not the view."""
+    scene = rig_scene(9)
+    spoilt = scene.views[4]
+    uv = spoilt.uv.copy()
+    uv[10] += 8.0
+    views = tuple(replace(v, uv=uv) if v is spoilt else v for v in scene.views)
+    view = next(v for v in calibrate_rig(replace(scene, views=views)).views if v.id == spoilt.id)
+    assert view.used
+    assert view.points == len(POINTS) - 1
+
+
+def test_handheld_pictures_say_what_they_go_with() -> None:
+    scene = rig_scene(4, frames=4)
+    left = cb.Pictures("left", "handheld", scene.of_camera("left"))
+    poses = cb.RobotPoses.from_matrices(np.stack([np.eye(4)] * 4))
+    with pytest.raises(InputError, match="two cameras or more"):
+        cb.calibrate_cell({}, [left])
+    with pytest.raises(InputError, match="goes with no robots"):
+        cb.calibrate_cell(poses, [left, cb.Pictures("right", "eye-in-hand", scene.of_camera("right"))])
+    with pytest.raises(InputError, match="takes views, and no robot"):
+        cb.Pictures("left", "handheld", scene.of_camera("left"), robot="a")
+    with pytest.raises(InputError, match="without a robot see a target that is handheld"):
+        cb.calibrate_cell({}, [cb.Pictures("left", "eye-in-hand", scene.of_camera("left"))])
 
 
 def test_bad_input() -> None:

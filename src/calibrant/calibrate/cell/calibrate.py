@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from calibrant.calibrate.cell.boards.alike import numbered_alike
 from calibrant.calibrate.cell.problem.camera_role import CameraRole
 from calibrant.calibrate.cell.problem.joint_offsets import JointReadings, free_joints
 from calibrant.calibrate.cell.problem.layout import (
+    HANDHELD,
     ONLY_ROBOT,
     STANDING,
     Layout,
@@ -27,6 +29,7 @@ from calibrant.calibrate.cell.problem.layout import (
 from calibrant.calibrate.cell.problem.problem import Cell
 from calibrant.calibrate.cell.problem.views import (
     HandEyeViews,
+    from_handheld,
     from_observations,
     from_target_poses,
     match_views,
@@ -41,6 +44,9 @@ from calibrant.data import CalibrationResult, Check, Observations, RobotPoses, V
 from calibrant.data.verdicts import refuse_if_failed, stamp
 from calibrant.errors import InputError, RefusedError
 from calibrant.optimize.noise import NoiseEstimate
+
+if TYPE_CHECKING:
+    from calibrant.calibrate.cell.photos import Photographed
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +74,8 @@ def calibrate_cell(
     fix: Sequence[str] = (),
 ) -> CalibrationResult:
     """Find where all cameras, targets and robots are, from one weighted problem.
+
+    A cell without robots ({}) is a rig: its pictures are `handheld`, its root the first camera, its kind "rig".
 
     Args: robots, poses by robot, or of the only one; pictures, a list of views (or of measured target poses) for each
     camera, robot and setup; cameras, known intrinsics by name, with their covariance where it is known; the others are
@@ -108,9 +116,10 @@ def fit_cell(
     identify: Sequence[str] = ("offsets",),
     model: str = "brown",
     fix: Sequence[str] = (),
+    reference: str = "",
 ) -> CellFit:
-    """The fit behind `calibrate_cell`; arguments and errors as there."""
-    where = layout(robots, _with_own_ids(pictures))
+    """The fit behind `calibrate_cell`; arguments and errors as there. reference: the root camera of a rig."""
+    where = layout(robots, _with_own_ids(pictures), reference)
     known = dict(cameras or {})
     for name in known:
         if name not in where.cameras_with_images:
@@ -133,7 +142,10 @@ def _with_own_ids(pictures: Sequence[Pictures]) -> list[Pictures]:
             out.append(p)
             continue
         prefix = id_prefix(lists, i)
-        rename = [replace(v, id=f"{prefix}{v.id}", camera=p.camera) for v in p.seen.views]
+        rename = [
+            v if not prefix and v.camera == p.camera else replace(v, id=f"{prefix}{v.id}", camera=p.camera)
+            for v in p.seen.views
+        ]
         missed = [replace(m, id=f"{prefix}{m.id}", camera=p.camera) for m in p.seen.missed]
         size = next(iter(p.seen.image_sizes.values()))
         seen = replace(p.seen, views=tuple(rename), image_sizes={p.camera: size}, missed=tuple(missed))
@@ -161,10 +173,8 @@ def _matched(
         except RefusedError as error:
             prefix = f"camera {name}: " if len(where.cameras_with_images) > 1 else ""
             raise RefusedError(f"{prefix}{error}") from error
-        lens = camera.role.camera
         for (i, seen), views in zip(lists.items(), camera.views):
-            poses = _poses_of_list(where, where.pictures[i])
-            found = from_observations(poses, replace(seen, views=views), lens, camera.sigma_px)
+            found = _list_views(where, where.pictures[i], replace(seen, views=views), camera)
             data[i] = found.noted(unsharp_views(seen.views))
         calibrated = name not in known
         roles[name] = with_unused(camera.role, [data[i] for i in lists]) if calibrated else camera.role
@@ -172,12 +182,20 @@ def _matched(
     return tuple(data[i] for i in sorted(data)), roles, tuple(left_out)
 
 
+def _list_views(where: Layout, p: Pictures, seen: Observations, camera: Photographed) -> HandEyeViews:
+    """The views of a list that its camera's own calibration kept, with their poses."""
+    found, sigma = camera.T_camera_target, camera.sigma_px
+    if p.handheld and found is not None and sigma is not None:
+        return from_handheld(seen.views, np.array([found[v.id] for v in seen.views]).reshape(-1, 4, 4), sigma)
+    return from_observations(_poses_of_list(where, p), seen, camera.role.camera, sigma)
+
+
 def _poses_of_list(where: Layout, p: Pictures) -> RobotPoses:
     """The poses that a list's views are matched with."""
     seen = p.observations
     if p.other and isinstance(seen, Observations):
         match_views(where.robots[p.other], seen)
-    if p.setup != STANDING or not isinstance(seen, Observations):
+    if p.setup not in (STANDING, HANDHELD) or not isinstance(seen, Observations):
         return where.robots[p.robot]
     # No robot stands between camera and target: any pose serves.
     ids = tuple(dict.fromkeys(v.moment for v in seen.views))

@@ -10,6 +10,7 @@ import numpy as np
 
 from calibrant.arrays import Array
 from calibrant.calibrate.cell.loop.image_poses import ImagePoses
+from calibrant.calibrate.cell.starts.handheld import CameraPair
 from calibrant.calibrate.solvers.motion import MotionReport
 from calibrant.data import Check, Measured, SigmaRobot, TransformEstimate, ViewResult
 from calibrant.optimize.solution import Solution
@@ -27,6 +28,8 @@ NOTHING = 0.001
 FEW_USED_SHARE = 2 / 3
 HELD_OUT_FACTOR = 2.0
 """Leaving one of n poses out inflates the error by about 1 + 6 / n; twofold means single poses carry the result."""
+FEW_SHARED_MOMENTS = 5
+"""Pairs with fewer common moments rest on single pictures: one blurred board bends the rig."""
 TOGETHER_WARN = 1.5
 """Noise of a camera in the common fit over its own: a common pose for all leaves it nearly as it is, a few per cent."""
 
@@ -101,6 +104,26 @@ def together_check(camera: str, together: float, own: float) -> Check:
             "taken at one pose"
         )
     return Check(f"together-{camera}", "warn" if ratio > TOGETHER_WARN else "ok", text, ratio)
+
+
+def shared_moments_check(pairs: Sequence[CameraPair]) -> Check:
+    """Is every camera of a rig tied to the others by moments enough?"""
+    weakest = min(pairs, key=lambda p: p.shared)
+    text = f"{weakest.a} and {weakest.b} are tied by {weakest.shared} common moments, the fewest of the rig"
+    few = weakest.shared < FEW_SHARED_MOMENTS
+    if few:
+        text += f"; {FEW_SHARED_MOMENTS} or more make it reliable"
+    return Check("shared-moments", "warn" if few else "ok", text, float(weakest.shared))
+
+
+def rigidity_check(together: float, own: float) -> Check:
+    """Do the cameras of a rig hold still to each other? Both noise levels in pixels, over all cameras."""
+    ratio = together / own
+    text = f"{together:.3g} px noise with the cameras fixed to each other, {own:.3g} px each for itself"
+    loose = ratio > TOGETHER_WARN
+    if loose:
+        text += ": they moved against each other, or the views of a moment were not taken at once"
+    return Check("rigidity", "warn" if loose else "ok", text, ratio)
 
 
 def motion_checks(report: MotionReport) -> tuple[Check, ...]:

@@ -38,6 +38,11 @@ def fitted_transforms(cell: Cell, solution: Solution) -> dict[Frame, Array]:
     return {f: solution.value(variable(f))[0] for f in cell.layout.unknown}
 
 
+def fitted_places(cell: Cell, solution: Solution) -> dict[Frame, Array]:
+    """All that a fit starts from: the unknown transforms as refined, and handheld targets' (m, 4, 4) by moment."""
+    return fitted_transforms(cell, solution) | {f: solution.value(variable(f)) for f in cell.layout.handheld}
+
+
 def said_poses(cell: Cell, value: Value, robot: str) -> Array:
     """T_base_gripper (n, 4, 4) of all a robot's poses: as reported, or by its geometry as fitted."""
     poses, free = cell.layout.robots[robot], cell.free.get(robot)

@@ -17,10 +17,10 @@ from calibrant.optimize.solution import Solution
 
 def sigma_px(cell: Cell, noise: NoiseEstimate) -> float | None:
     """One noise level for all cameras; None without images."""
-    return _pooled([noise.levels[pixel_group(c)] for c in cell.roles]) if cell.roles else None
+    return pooled([noise.levels[pixel_group(c)] for c in cell.roles]) if cell.roles else None
 
 
-def _pooled(levels: Sequence[NoiseLevel]) -> float:
+def pooled(levels: Sequence[NoiseLevel]) -> float:
     """The mean square over what each camera's level rests on."""
     if len(levels) == 1:
         return levels[0].sigma

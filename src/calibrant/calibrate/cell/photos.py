@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calibrant.arrays import Array
-from calibrant.calibrate.cell.problem.camera_role import CameraRole, prior_camera
+from calibrant.calibrate.cell.problem.camera_role import CameraRole, found_camera, prior_camera
 from calibrant.calibrate.cell.problem.views import LEAST_SIGMA_PX, HandEyeViews
 from calibrant.calibrate.cell.problem.views import MINIMUM_POINTS as ENOUGH_POINTS
 from calibrant.calibrate.intrinsics.one_model import calibrate_keeping
@@ -35,12 +35,13 @@ class Judged:
 @dataclass(frozen=True, eq=False)
 class Photographed:
     """A camera's part in a cell: its role, for each of its lists the views that its own calibration kept, those left
-    out, and the pixel noise that the calibration found; None for a camera that was given."""
+    out, the pixel noise and the target poses by view that the calibration found; None for a camera that was given."""
 
     role: CameraRole
     views: tuple[tuple[View, ...], ...]
     left_out: tuple[ViewResult, ...]
     sigma_px: float | None
+    T_camera_target: Mapping[str, Array] | None
 
 
 def named_by_poses(observations: Observations, poses: RobotPoses, *, given_ids: bool) -> Observations:
@@ -63,16 +64,17 @@ def photographed(lists: Sequence[Observations], camera: Camera | None, model: st
     every = tuple(v for seen in lists for v in seen.views)
     if camera is not None:
         judged = judge(every, camera)
-        role, views, left_out, sigma = prior_camera(camera), judged.views, judged.left_out, None
+        role, views, left_out = prior_camera(camera), judged.views, judged.left_out
+        sigma, seen_at = None, None
     else:
         kept = calibrate_keeping(replace(lists[0], views=every), model=model, fix=fix)
-        found = kept.result.camera
-        role = CameraRole(found, tuple(n for n, s in found.sigma.items() if s == 0))
+        role = found_camera(kept.result.camera, fix)
         views, left_out = kept.views, tuple(v for v in kept.result.views if not v.used)
         sigma = max(kept.result.sigma_px or 0.0, LEAST_SIGMA_PX)
+        seen_at = dict(zip((v.id for v in views), kept.solution.value("T_camera_target")))
     by_id = {v.id: v for v in views}
     parts = tuple(tuple(by_id[v.id] for v in seen.views if v.id in by_id) for seen in lists)
-    return Photographed(role, parts, left_out, sigma)
+    return Photographed(role, parts, left_out, sigma, seen_at)
 
 
 def with_unused(role: CameraRole, lists: Sequence[HandEyeViews]) -> CameraRole:

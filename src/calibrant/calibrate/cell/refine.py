@@ -9,13 +9,14 @@ import numpy as np
 
 from calibrant.arrays import Array
 from calibrant.calibrate.cell.consistency import inconsistent_views
-from calibrant.calibrate.cell.fitted import fitted_cameras, fitted_transforms
+from calibrant.calibrate.cell.fitted import fitted_cameras, fitted_places
 from calibrant.calibrate.cell.problem.groups import geometry_variable, pictures_factor
 from calibrant.calibrate.cell.problem.layout import Frame
 from calibrant.calibrate.cell.problem.problem import Cell, cell_problem
 from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.calibrate.reprojection.outliers import mark
 from calibrant.errors import RefusedError
+from calibrant.optimize.levenberg_marquardt import SolverOptions
 from calibrant.optimize.noise import NoiseEstimate, estimate_noise
 from calibrant.optimize.solution import Solution
 
@@ -24,6 +25,7 @@ MOST_LEFT_OUT = 1 / 3
 """Where more of a list's views disagree, the fault is not in single views."""
 LEAST_VIEWS, LEAST_POINTS = 3, 6
 """What a list keeps of its views, and a view of its points, whatever disagrees."""
+NEARLY_UNDAMPED = SolverOptions(initial_damping=1e-8)
 LEAST_SIGMA_START = 1e-6
 """Start of a noise level when the closed form fits exactly: radians and metres."""
 
@@ -35,9 +37,11 @@ def refined(cell: Cell, transforms: Mapping[Frame, Array], spread: tuple[float, 
     the pictures do not determine.
     """
     sigmas = cell.levels((max(spread[0], LEAST_SIGMA_START), max(spread[1], LEAST_SIGMA_START)))
+    # A handheld target's poses are from the same pictures: the start is a step from the optimum, damping costs steps.
+    options = NEARLY_UNDAMPED if cell.layout.rig else None
     rounds = MAX_CLEANING_ROUNDS + sum(int(f.keep.sum()) for f in cell.free.values())
     for k in range(rounds + 1):
-        noise = estimate_noise(cell_problem(cell, transforms, sigmas), floors=cell.floors())
+        noise = estimate_noise(cell_problem(cell, transforms, sigmas), floors=cell.floors(), options=options)
         solution = noise.solution
         if solution.unobservable:
             raise RefusedError("; ".join(u.message for u in solution.unobservable[:3]))
@@ -45,12 +49,14 @@ def refined(cell: Cell, transforms: Mapping[Frame, Array], spread: tuple[float, 
         cleaned = cell if k == rounds else _cleaned(cell, solution)
         if cleaned is cell:
             break
-        cell, transforms, sigmas = cleaned, fitted_transforms(cell, solution), dict(solution.sigmas)
+        cell, transforms, sigmas = cleaned, fitted_places(cell, solution), dict(solution.sigmas)
     return noise, cell
 
 
 def _seen_again(cell: Cell, solution: Solution) -> Cell:
-    """The target poses of the used views found again by the cameras as refined."""
+    """The target poses of the used views found again by the cameras as refined; a rig's are asked for no more."""
+    if cell.layout.rig:
+        return cell
     cameras = fitted_cameras(cell, solution)
     data = [d.seen_by(cameras[p.camera]) if p.seen is not None and d.use.any() else d for _, p, d in cell.lists]
     return replace(cell, data=tuple(data))
@@ -69,8 +75,11 @@ def _cleaned(cell: Cell, solution: Solution) -> Cell:
 
 
 def _without_odd(cell: Cell, solution: Solution, i: int) -> HandEyeViews:
-    """List i without views whose loop does not fit the others."""
-    data, odd = cell.data[i], inconsistent_views(cell, solution, i)
+    """List i without views whose loop does not fit the others; a handheld target closes no loop."""
+    data = cell.data[i]
+    if cell.layout.pictures[i].handheld:
+        return data
+    odd = inconsistent_views(cell, solution, i)
     used = int(data.use.sum())
     if not odd.any() or used - odd.sum() < LEAST_VIEWS or odd.sum() > MOST_LEFT_OUT * used:
         return data

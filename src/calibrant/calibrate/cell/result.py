@@ -15,7 +15,7 @@ from calibrant.calibrate.cell.checks import LoopDeviations
 from calibrant.calibrate.cell.fitted import fitted_cameras, fitted_transforms, said_poses
 from calibrant.calibrate.cell.held_out import leave_out, loop_deviations, loop_of_list
 from calibrant.calibrate.cell.methods import methods_table
-from calibrant.calibrate.cell.noise_figures import noise_by_name, robot_parameters, sigma_px, sigma_robot
+from calibrant.calibrate.cell.noise_figures import noise_by_name, pooled, robot_parameters, sigma_px, sigma_robot
 from calibrant.calibrate.cell.problem.groups import geometry_variable, pictures_factor, pixel_group
 from calibrant.calibrate.cell.problem.layout import Frame, Layout, variable
 from calibrant.calibrate.cell.problem.problem import Cell
@@ -58,7 +58,7 @@ def cell_result(
     plain = cell.layout.plain and not cell.free
     measured = [d.B for p, d in zip(layout.pictures, cell.data) if p.seen is None]
     return CalibrationResult(
-        kind="hand-eye",
+        kind="rig" if layout.rig else "hand-eye",
         verdict=verdict_of(checks),
         checks=checks,
         cameras=fitted_cameras(cell, solution),
@@ -82,8 +82,10 @@ def cell_result(
 
 
 def _asked(cell: Cell, asked: Mapping[str, Any]) -> dict[str, Any]:
-    """What was asked; the setup of a single list in a word, else by camera."""
+    """What was asked; the setup of a single list in a word, else by camera; a rig has but one."""
     pictures = cell.layout.pictures
+    if cell.layout.rig:
+        return {"reference": cell.layout.root, **asked}
     setup = pictures[0].setup if len(pictures) == 1 else {p.camera: p.setup for p in pictures}
     return {"setup": setup, **asked}
 
@@ -109,13 +111,14 @@ def _checks(
     """Everything that is asked of the result; questions to a list carry its name where there are several."""
     layout, solution = cell.layout, noise.solution
     loop = loop_deviations(cell, solution.value, [d.use for d in cell.data])
-    cameras = [t for t in transforms if t.child in layout.cameras and t.parent not in layout.cameras]
+    cameras = [t for t in transforms if t.child in layout.cameras and (t.parent, t.child) in layout.unknown]
     several = len(cell.roles) > 1
     return (
         *_start_checks(cell, start, numbering),
         questions.views_check(views),
         *_loop_checks(cell, start, solution),
         *(_together(cell, noise, name) for name in cell.roles if several),
+        *_rig_checks(cell, start, noise),
         *([] if held is None or not len(held.mm) else [questions.held_out_check(held, loop)]),
         *_size_checks(cell, sizes, loop),
         *_image_checks(cell, noise, sizes),
@@ -156,9 +159,21 @@ def _loop_checks(cell: Cell, start: CellStart, solution: Solution) -> Iterable[C
         yield _named(questions.loop_check(loop, score), cell.layout.label(i))
 
 
+def _own_sigma_px(cell: Cell, camera: str) -> float:
+    """Pixel noise of a camera by its own calibration."""
+    return max(d.sigma_px for p, d in zip(cell.layout.pictures, cell.data) if p.camera == camera)
+
+
 def _together(cell: Cell, noise: NoiseEstimate, camera: str) -> Check:
-    own = max(d.sigma_px for p, d in zip(cell.layout.pictures, cell.data) if p.camera == camera)
-    return questions.together_check(camera, noise.levels[pixel_group(camera)].sigma, own)
+    return questions.together_check(camera, noise.levels[pixel_group(camera)].sigma, _own_sigma_px(cell, camera))
+
+
+def _rig_checks(cell: Cell, start: CellStart, noise: NoiseEstimate) -> tuple[Check, ...]:
+    if not cell.layout.rig:
+        return ()
+    levels = [noise.levels[pixel_group(c)] for c in cell.roles]
+    own = pooled([replace(level, sigma=_own_sigma_px(cell, c)) for c, level in zip(cell.roles, levels)])
+    return questions.shared_moments_check(start.pairs), questions.rigidity_check(pooled(levels), own)
 
 
 def _joints(cell: Cell, solution: Solution, robot: str) -> Check:
@@ -167,6 +182,8 @@ def _joints(cell: Cell, solution: Solution, robot: str) -> Check:
 
 
 def _size_checks(cell: Cell, sizes: Sizes, loop: LoopDeviations) -> Iterable[Check]:
+    if cell.layout.rig:  # images alone have no size of their own
+        return
     targets = cell.layout.target_names
     at_size = next(iter(sizes.loops.values())).rms if len(cell.data) == 1 and sizes.loops else None
     for target in targets:
@@ -245,14 +262,17 @@ def _observations(layout: Layout) -> Observations | None:
 
 
 def _as_moments(layout: Layout, robot: str, observations: Observations) -> Observations:
-    if len(layout.robots) == 1:
+    if len(layout.robots) <= 1:
         return observations
     return replace(observations, views=tuple(replace(v, moment=f"{robot}/{v.moment}") for v in observations.views))
 
 
-def _poses(cell: Cell, solution: Solution) -> RobotPoses:
-    """The poses that the fit rests on, joint offsets applied; with several robots, each in its own base."""
+def _poses(cell: Cell, solution: Solution) -> RobotPoses | None:
+    """The poses that the fit rests on, joint offsets applied; with several robots, each in its own base; None for a
+    rig."""
     robots = cell.layout.robots
+    if not robots:
+        return None
     if len(robots) == 1 and not cell.free:
         return next(iter(robots.values()))
     ids = [i if len(robots) == 1 else f"{r}/{i}" for r, poses in robots.items() for i in poses.ids]

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from calibrant.arrays import Array
+from calibrant.calibrate.reprojection.held import ASPECT, camera_manifold
 from calibrant.cameras import Camera
 from calibrant.data import View
-from calibrant.optimize.manifolds import Euclidean
+from calibrant.optimize.manifolds import Euclidean, Manifold
 
 
 @dataclass(frozen=True, eq=False)
 class CameraRole:
     """How the camera enters: its start, names of held parameters, and the square root information of a prior.
 
-    extra: views without a robot pose that help to determine the camera, with their start poses.
+    extra: views without a robot pose that help to determine the camera, with their start poses. tied: what else of
+    `--fix` holds (the aspect ratio, as it is at the start).
     """
 
     camera: Camera
@@ -24,10 +27,13 @@ class CameraRole:
     prior: Array | None = None
     extra: tuple[View, ...] = ()
     extra_poses: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))
+    tied: tuple[str, ...] = ()
 
     @property
-    def manifold(self) -> Euclidean:
+    def manifold(self) -> Manifold:
         """Where its parameters may go."""
+        if self.tied:
+            return camera_manifold(self.camera.model, (*self.held, *self.tied), self.camera.values)
         return Euclidean(self.camera.model.parameter_names, self.held)
 
     @property
@@ -43,6 +49,12 @@ class CameraRole:
         if self.prior is not None:
             return "given with its covariance, refined jointly"
         return "calibrated from the same images, refined jointly"
+
+
+def found_camera(camera: Camera, fix: Sequence[str]) -> CameraRole:
+    """A camera that its own photos have calibrated: what was held there is held on."""
+    held = tuple(n for n, s in camera.sigma.items() if s == 0)
+    return CameraRole(camera, held, tied=tuple(name for name in fix if name == ASPECT))
 
 
 def held_camera(camera: Camera) -> CameraRole:

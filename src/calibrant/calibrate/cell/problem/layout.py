@@ -3,13 +3,15 @@
     eye-in-hand  T_camera_target = T_gripper_camera^-1 T_base_gripper^-1 [T_root_base^-1] T_root_target
     eye-to-hand  T_camera_target = T_root_camera^-1 [T_root_base] T_base_gripper T_gripper_target
     standing     T_camera_target = T_root_camera^-1 T_root_target
+    handheld     T_camera_target = [T_root_camera^-1] T_root_target(moment)
     hand-to-hand T_camera_target = T_gripper_camera^-1 T_base_gripper^-1 T_root_base^-1
                    T_root_base' T_base'_gripper' T_gripper'_target        (' of the other robot)
 
 A single camera on a single robot is a cell of one list. The root is the first robot's base; [T_root_base] is there for
-every other robot. What stands still is one unknown in the root, what a robot carries is one in its gripper: cameras
-that see the same target, robots that carry or show one to the same camera, share these unknowns, and through them their
-errors.
+every other robot. A rig is a cell without robots: its root is a camera, which has no [T_root_camera] then, and a
+handheld target is somewhere else at every moment. What stands still is one unknown in the root, what a robot carries is
+one in its gripper: cameras that see the same target, robots that carry or show one to the same camera, share these
+unknowns, and through them their errors.
 """
 
 from __future__ import annotations
@@ -30,7 +32,8 @@ Frame = tuple[str, str]
 """(parent, child)."""
 
 IN_HAND, TO_HAND, STANDING, HAND_TO_HAND = "eye-in-hand", "eye-to-hand", "standing", "hand-to-hand"
-ARRANGEMENTS = (IN_HAND, TO_HAND, STANDING, HAND_TO_HAND)
+HANDHELD = "handheld"
+ARRANGEMENTS = (IN_HAND, TO_HAND, STANDING, HAND_TO_HAND, HANDHELD)
 ONLY_ROBOT, TARGET = "robot", "target"
 
 
@@ -65,7 +68,9 @@ class Pictures:
 
     setup: eye-in-hand (the robot carries the camera), eye-to-hand (it carries the target), standing (neither: camera
     and target stand beside the robot, which takes no part), hand-to-hand (it carries the camera, and robot `other` the
-    target: a view's moment is the id of a pose of each). target: name of the target, where there are several.
+    target: a view's moment is the id of a pose of each), handheld (somebody moves the target before cameras that stand,
+    and no robot knows where it is: views of one `moment` were taken at once). target: name of the target, where there
+    are several.
 
     Example::
 
@@ -85,11 +90,18 @@ class Pictures:
             raise InputError(
                 f"unknown setup {self.setup!r} of camera {self.camera!r}; choose {', '.join(ARRANGEMENTS)}"
             )
-        if (self.setup == HAND_TO_HAND) != bool(self.other) or self.other == self.robot:
+        if (self.setup == HAND_TO_HAND) != bool(self.other) or self.other == self.robot != "":
             raise InputError(
                 f"camera {self.camera!r}, {self.setup}: hand-to-hand goes with another robot that carries the target "
                 f"(other={self.other!r}), and nothing else does"
             )
+        if self.handheld:
+            if self.robot not in ("", ONLY_ROBOT) or self.seen is None:
+                raise InputError(
+                    f"camera {self.camera!r}, {HANDHELD}: takes views, and no robot (robot={self.robot!r}); where the "
+                    "target was is found from the images"
+                )
+            object.__setattr__(self, "robot", "")
         if self.seen is not None and len(self.seen.image_sizes) != 1:
             named = ", ".join(self.seen.image_sizes)
             raise InputError(f"the pictures of camera {self.camera!r} are of several: {named}; give one list a camera")
@@ -100,6 +112,11 @@ class Pictures:
         return self.observations if isinstance(self.observations, Observations) else None
 
     @property
+    def handheld(self) -> bool:
+        """Whether nobody says where the target was: its pose at every moment is an unknown."""
+        return self.setup == HANDHELD
+
+    @property
     def alone(self) -> bool:
         """Whether these pictures are a hand-eye problem of their own, A_i X B_i = Z."""
         return len(self.movers) == 1
@@ -107,7 +124,7 @@ class Pictures:
     @property
     def words(self) -> str:
         """The pictures, for messages."""
-        at = "" if self.robot == ONLY_ROBOT else f" at {self.robot}"
+        at = "" if self.robot in ("", ONLY_ROBOT) else f" at {self.robot}"
         to = f", target on {self.other}" if self.other else ""
         return f"camera {self.camera}{at} ({self.setup}{to})"
 
@@ -129,12 +146,17 @@ class Pictures:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """The frames of a cell: robots by name, and the pictures taken there."""
+    """The frames of a cell: robots by name, and the pictures taken there.
+
+    reference: the camera whose frame is the root where there are no robots; by default the first.
+    """
 
     robots: Mapping[str, RobotPoses]
     pictures: tuple[Pictures, ...]
+    reference: str = ""
 
     def __post_init__(self) -> None:
+        self._check_rig()
         for p in self.pictures:
             for robot in filter(None, (p.robot, p.other)):
                 if robot not in self.robots:
@@ -151,6 +173,25 @@ class Layout:
         clash = set(self.cameras) & {*map(self.base, self.robots), *map(self.gripper, self.robots), *self.targets}
         if clash:
             raise InputError(f"camera {sorted(clash)[0]!r} has the name of another frame; call it otherwise")
+
+    def _check_rig(self) -> None:
+        by_hand = [p for p in self.pictures if p.handheld]
+        if by_hand and (self.robots or len(by_hand) < len(self.pictures)):
+            raise InputError(
+                f"{by_hand[0].words}: a handheld target goes with no robots and no other setup; calibrate the cameras "
+                "that see it apart from the cell"
+            )
+        if self.rig and len(self.cameras) < 2:
+            raise InputError(
+                f"a rig has two cameras or more, the pictures are of {len(self.cameras)}: {', '.join(self.cameras)}"
+            )
+        if self.reference and self.reference not in self.cameras:
+            raise InputError(f"no camera {self.reference!r} in the pictures; known: {', '.join(self.cameras)}")
+
+    @property
+    def rig(self) -> bool:
+        """Whether this is a rig, a cell without robots."""
+        return not self.robots
 
     @property
     def plain(self) -> bool:
@@ -170,8 +211,8 @@ class Layout:
 
     @property
     def root(self) -> str:
-        """The first robot's base, the frame of all that stands still."""
-        return self.base(next(iter(self.robots)))
+        """The frame of all that stands still: the first robot's base; without robots, the reference camera's."""
+        return self.reference or self.cameras[0] if self.rig else self.base(next(iter(self.robots)))
 
     def base(self, robot: str) -> str:
         """Frame of a robot's base: "base" for the only robot."""
@@ -208,16 +249,21 @@ class Layout:
     @cached_property
     def unknown(self) -> tuple[Frame, ...]:
         """The transforms to be found: cameras, targets, the other robots' bases."""
-        cameras = {(self.camera_parent(p), p.camera): None for p in self.pictures}
-        targets = {(self.target_parent(p), self.target(p)): None for p in self.pictures}
+        cameras = {(self.camera_parent(p), p.camera): None for p in self.pictures if p.camera != self.root}
+        targets = {(self.target_parent(p), self.target(p)): None for p in self.pictures if not p.handheld}
         bases = [(self.root, self.base(r)) for r in self.robots if self.base(r) != self.root]
         return (*cameras, *targets, *bases)
+
+    @property
+    def handheld(self) -> tuple[Frame, ...]:
+        """Targets that are somewhere else at every moment: one unknown each."""
+        return tuple(dict.fromkeys((self.root, self.target(p)) for p in self.pictures if p.handheld))
 
     def label(self, i: int) -> str:
         """What tells list i from the others; empty for the only one."""
         if len(self.pictures) == 1:
             return ""
-        names = [p.camera if len(self.robots) == 1 else f"{p.camera} at {p.robot}" for p in self.pictures]
+        names = [p.camera if len(self.robots) <= 1 else f"{p.camera} at {p.robot}" for p in self.pictures]
         return names[i] if names.count(names[i]) == 1 else f"{names[i]} {i + 1}"
 
     def prefix(self, i: int) -> str:
@@ -232,12 +278,15 @@ class Layout:
         return (camera, p.camera), (target, self.target(p))
 
     def links(self, p: Pictures, rows: Mapping[str, Indices], count: int) -> list[Link]:
-        """T_camera_target of `count` views at rows (count,) of the poses of each robot between camera and target."""
+        """T_camera_target of `count` views at rows (count,) of the poses of each robot between camera and target, or,
+        by the target's name, of the moments of one that is handheld."""
         once = np.zeros(count, dtype=np.int64)
         camera = self._reach(p.camera_robot, rows, once)
-        camera.append(Link(variable((self.camera_parent(p), p.camera)), once))
+        if p.camera != self.root:
+            camera.append(Link(variable((self.camera_parent(p), p.camera)), once))
         target = self._reach(p.target_robot, rows, once)
-        target.append(Link(variable((self.target_parent(p), self.target(p))), once))
+        at = rows[p.target] if p.handheld else once
+        target.append(Link(variable((self.target_parent(p), self.target(p))), at))
         return [*(replace(k, inverted=True) for k in reversed(camera)), *target]
 
     def _reach(self, robot: str | None, rows: Mapping[str, Indices], once: Indices) -> list[Link]:
@@ -269,9 +318,12 @@ def poses_variable(robot: str) -> str:
     return f"poses of {robot}"
 
 
-def layout(robots: Mapping[str, RobotPoses] | RobotPoses, pictures: Sequence[Pictures]) -> Layout:
-    """The layout of a cell. Raises: InputError for names that do not fit, no pictures, no robots."""
+def layout(robots: Mapping[str, RobotPoses] | RobotPoses, pictures: Sequence[Pictures], reference: str = "") -> Layout:
+    """The layout of a cell. Raises: InputError for names that do not fit, no pictures, no robots where any is named."""
     named = {ONLY_ROBOT: robots} if isinstance(robots, RobotPoses) else dict(robots)
-    if not named or not pictures:
-        raise InputError("nothing to calibrate: give the poses of one robot or more, and the pictures of each camera")
-    return Layout(named, tuple(pictures))
+    if not pictures or not (named or all(p.handheld for p in pictures)):
+        raise InputError(
+            "nothing to calibrate: give the poses of one robot or more, and the pictures of each camera; cameras "
+            f"without a robot see a target that is {HANDHELD}"
+        )
+    return Layout(named, tuple(pictures), reference)

@@ -97,6 +97,14 @@ class Cell:
         needed = {name for i, p in enumerate(self.layout.pictures) if robot in p.movers for name in self.used_ids(i)}
         return tuple(name for name in self.layout.robots[robot].ids if name in needed)
 
+    def rows(self, i: int) -> dict[str, Rows]:
+        """At which of its moments list i's used views saw each robot between camera and target, by the robot's name;
+        or the target, by the target's, where that is handheld."""
+        p, ids = self.layout.pictures[i], self.used_ids(i)
+        if p.handheld:
+            return {p.target: places(moments_by_hand(self.layout, self.data, self.layout.target(p)), ids)}
+        return {robot: places(self.moments(robot), ids) for robot in p.movers}
+
     def kept(self, keep: Sequence[Mask]) -> Cell:
         """The same with fewer views; keep: one mask a list, over all its rows."""
         data = tuple(replace(d, use=d.use & k) for d, k in zip(self.data, keep))
@@ -145,11 +153,12 @@ class Cell:
 def cell_problem(
     cell: Cell, transforms: Mapping[Frame, Array], sigmas: Mapping[str, float], *, free_sizes: Collection[str] = ()
 ) -> Problem:
-    """The problem over all views that are used, started at these transforms.
+    """The problem over all views that are used, started at these transforms; those of handheld targets (m, 4, 4), by
+    moment.
 
     free_sizes: names of the targets whose scale is unknown.
     """
-    variables = [Variable(variable(f), SE3(), T[None], words=f"the place of {f[1]}") for f, T in transforms.items()]
+    variables = [_place(cell, f, T) for f, T in transforms.items()]
     variables += [Variable(scale_variable(t), Euclidean(("scale",)), np.zeros((1, 1))) for t in free_sizes]
     factors: list[Factor] = []
     for i in range(len(cell.data)):
@@ -164,14 +173,20 @@ def cell_problem(
     return Problem(tuple(v for v in variables if v.name in needed), tuple(factors), dict(sigmas))
 
 
+def _place(cell: Cell, frame: Frame, T: Array) -> Variable:
+    if frame in cell.layout.handheld:
+        labels = moments_by_hand(cell.layout, cell.data, frame[1])
+        return Variable(variable(frame), SE3(), T, labels=labels, words=f"{frame[1]} at")
+    return Variable(variable(frame), SE3(), T[None], words=f"the place of {frame[1]}")
+
+
 def _list_factors(cell: Cell, i: int, *, scale: bool) -> list[Factor]:
     """What list i says: its pixels, or its measured target poses."""
     p, data = cell.layout.pictures[i], cell.data[i]
     ids = cell.used_ids(i)
     if not ids:
         return []
-    rows = {robot: places(cell.moments(robot), ids) for robot in p.movers}
-    links = cell.layout.links(p, rows, len(ids))
+    links = cell.layout.links(p, cell.rows(i), len(ids))
     size = scale_variable(p.target) if scale else None
     if p.seen is None:
         B, (rotation, translation) = data.B[data.use], cell.measured_noise(p)
@@ -232,6 +247,12 @@ def _add_robot(cell: Cell, robot: str, variables: list[Variable], factors: list[
     geometry, errors = geometry_variable(robot), errors_variable(robot)
     variables += [free.variable(geometry), free.errors_variable(errors, rows)]
     factors += free.factors(name, geometry, errors, rows, noise=(rotation, translation, joint_group(robot)))
+
+
+def moments_by_hand(layout: Layout, data: Sequence[HandEyeViews], target: str) -> tuple[str, ...]:
+    """Moments at which a handheld target, by its frame, was seen in any view that is used."""
+    lists = [d for p, d in zip(layout.pictures, data) if p.handheld and layout.target(p) == target]
+    return tuple(dict.fromkeys(name for d in lists for name, use in zip(d.ids, d.use) if use))
 
 
 def places(names: Sequence[str], wanted: Sequence[str]) -> Rows:

@@ -101,6 +101,16 @@ def from_target_poses(poses: RobotPoses, T_camera_target: Array) -> HandEyeViews
     )
 
 
+def from_handheld(views: Sequence[View], T_camera_target: Array, sigma_px: float) -> HandEyeViews:
+    """Views of a target that nobody reports the pose of, by their moments: where the lens (n, 4, 4) puts it.
+
+    All are used: what a weak view does not tell, the others' views of its moment do.
+    """
+    nobody = RobotPoses.from_matrices(np.tile(np.eye(4), (len(views), 1, 1)))
+    found = from_target_poses(nobody, T_camera_target)
+    return replace(found, ids=tuple(v.moment for v in views), views=tuple(views), sigma_px=sigma_px)
+
+
 def match_views(poses: RobotPoses, observations: Observations) -> tuple[list[int], list[int]]:
     """Indices of the views and of the robot poses that belong together, by id.
 

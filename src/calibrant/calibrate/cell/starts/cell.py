@@ -16,6 +16,7 @@ from calibrant.arrays import Array
 from calibrant.calibrate.cell.problem.layout import HAND_TO_HAND, STANDING, Frame, Layout, Pictures
 from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.calibrate.cell.starts.hand_to_hand import hand_to_hand_start
+from calibrant.calibrate.cell.starts.handheld import CameraPair, handheld_start
 from calibrant.calibrate.cell.starts.medoid import medoid
 from calibrant.calibrate.cell.starts.seed import Seed, best_seed, seed_of_all, setup_check
 from calibrant.calibrate.solvers.motion import MotionReport, motion_report
@@ -41,10 +42,11 @@ class Alone:
 
 @dataclass(frozen=True, eq=False)
 class CellStart:
-    """Transforms by (parent, child); the data without gross outliers; spread: the loop's typical error, rad and m.
+    """Transforms by (parent, child), those of handheld targets (m, 4, 4); the data without gross outliers; spread: the
+    loop's typical error, rad and m.
 
     alone: what each list that determines something by itself says; refused: why the others do not, both by the list's
-    number.
+    number. pairs: the pairs of cameras that lead through a rig.
     """
 
     transforms: dict[Frame, Array]
@@ -52,11 +54,15 @@ class CellStart:
     spread: tuple[float, float]
     alone: Mapping[int, Alone]
     refused: Mapping[int, str]
+    pairs: tuple[CameraPair, ...] = ()
 
 
 def cell_start(layout: Layout, data: Sequence[HandEyeViews], missing: Mapping[str, str]) -> CellStart:
     """missing: views that are not in the data, and why. Raises: RefusedError naming what no path leads to, and why the
     pictures that could tell do not; or the list whose setup is another one than was said."""
+    if layout.rig:
+        places, pairs = handheld_start(layout, data)
+        return CellStart(places, tuple(data), LEVEL_START, {}, {}, pairs)
     graph = FrameGraph(tolerance_m=np.inf, tolerance_rad=np.inf)
     cleaned = list(data)
     refused: dict[int, str] = {}

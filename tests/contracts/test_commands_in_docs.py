@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from calibrant.cli.command import Command
+from calibrant.cli.help import command_help
 from calibrant.tasks.registry import TASKS
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -32,6 +33,21 @@ def lines() -> list[tuple[str, list[str]]]:
 
 def words_of(words: list[str]) -> tuple[str, ...] | None:
     return next((key for key in commands() if tuple(words[: len(key)]) == key), None)
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_examples_in_help_are_whole_commands(name: str) -> None:
+    """Copied as they stand: one line, or lines that a backslash joins."""
+    shown = "\n".join(
+        re.sub("^  ", "", line) for line in command_help(Command.of(name)).split("Options:")[0].splitlines()
+    )
+    paragraphs = [p for p in shown.split("\n\n") if p.startswith("calibrant ")]
+    assert paragraphs
+    for text in "\n".join(re.sub(r"\\\n\s*", "", p) for p in paragraphs).splitlines():
+        words = re.sub(r"\[|\]", "", text).split()
+        assert words[0] == "calibrant", text
+        assert words_of(words[1:]) == tuple(name.split()), text
+        assert {w for w in words if w.startswith("--")} <= set(Command.of(name).flags), text
 
 
 def test_every_command_has_an_example_line() -> None:

@@ -45,8 +45,8 @@ DO_NOT_FIT = (
 class Request:
     """Locate a camera beside the robot through the wrist camera and a target that both see.
 
-    calibrant dynamic --wrist hand-eye.json --camera front.json --wrist-images wrist/*.png --external-images front/*.png
-    --poses poses.csv --target charuco:5x7:36mm:18mm:DICT_6X6_250
+    calibrant dynamic --wrist hand-eye.json --camera front.json --wrist-images wrist/*.png \\
+        --external-images front/*.png --poses poses.csv --target charuco:5x7:36mm:18mm:DICT_6X6_250
 
     Says how certain the place is, and which source it owes that to: the wrist's calibration, either camera's pixels,
     the external intrinsics, or the robot.

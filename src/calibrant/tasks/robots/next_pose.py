@@ -37,8 +37,9 @@ class Request:
 
     calibrant next-pose --robot ur5e --result hand-eye.json
 
-    calibrant next-pose --robot ur5e --camera camera.json --target chessboard:9x6:25mm --camera-at
-    20mm,-60mm,50mm,0deg,0deg,23deg --target-at 620mm,110mm,20mm,180deg,0deg,0deg --count 8 --out plan.csv
+    calibrant next-pose --robot ur5e --camera camera.json --target chessboard:9x6:25mm \\
+        --camera-at 20mm,-60mm,50mm,0deg,0deg,23deg --target-at 620mm,110mm,20mm,180deg,0deg,0deg \\
+        --count 8 --out plan.csv
 
     Every pose is within the joint limits, has the target in view and in focus, and hits nothing that --geometry names.
     Each comes with the uncertainty that is left after it. The flange is the gripper.

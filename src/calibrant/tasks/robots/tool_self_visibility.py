@@ -30,8 +30,8 @@ LARGE_MM, LARGE_DEG = 2.0, 1.0
 class Request:
     """Where a hand camera sits, from one photo: the robot does not move.
 
-    calibrant tool self-visibility --image photo.png --features features.csv --camera camera.json --target
-    chessboard:9x6:25mm
+    calibrant tool self-visibility --image photo.png --features features.csv --camera camera.json \\
+        --target chessboard:9x6:25mm
     """
 
     image: Annotated[Path, Option("FILE")]

@@ -46,6 +46,20 @@ def test_touch(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "at least 4" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("off", "status", "words"), [(0.005, 0, "USE WITH CARE"), (0.15, 1, "agreement: the poses")])
+def test_poses_that_touch_no_point_are_no_tool(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], off: float, status: int, words: str
+) -> None:
+    rng = np.random.default_rng(4)
+    R = DOWN @ so3.exp(0.5 * rng.uniform(-1, 1, (12, 3)))
+    T = se3.make(R, np.array([0.5, 0.1, 0.05]) - R @ TIP + off * rng.standard_normal((12, 3)))
+    given = ["--poses", str(poses_file(T, tmp_path / "p.csv")), "--pose-rotation", "quat-xyzw", "--pose-units", "m"]
+    assert run(["tool", "touch", *given]) == status
+    said = capsys.readouterr()
+    assert words in " ".join((said.out + said.err).split())
+    assert "are these the poses of the touches" in " ".join((said.out + said.err).split())
+
+
 def test_a_slipped_touch_is_named_and_little_tilt_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rng = np.random.default_rng(3)
     for tilt, slip, message in ((0.5, 0.003, "2.png is off by"), (0.02, 0.0, "tilt the tool further")):

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 ODD = 0.01
 """Chance below which some pose is flagged when all are good: once in a hundred tools."""
+TOUCH_MM = (3.0, 10.0)
+"""Touches that agree to no more than this, 1 sigma per axis: doubtful, and none. A hand guides a tip to a mark within a
+millimetre, and the worst arm stands within two of where it says; ten are poses that do not touch one point."""
 LEVER = 10.0
 """Times the noise of a touch that the tip may be uncertain by: turns of some 6 degrees, where 30 leave two times it."""
 
@@ -82,6 +85,12 @@ def _agreement(tip: ToolTip) -> Check:
     text = f"the poses agree on the tip to {tip.sigma:.3g} {tip.unit} (1 sigma per axis)"
     worst = int(np.argmin(tip.chances))
     far = int(np.argmax(tip.residuals))
+    if tip.unit == "mm" and tip.sigma > TOUCH_MM[0]:
+        text += (
+            f", farthest {tip.ids[far]}, {tip.residuals[far]:.3g} mm: one and the same point is touched to better than "
+            f"{TOUCH_MM[0]:g} mm; are these the poses of the touches, and is their unit right?"
+        )
+        return Check("agreement", "fail" if tip.sigma > TOUCH_MM[1] else "warn", text, tip.sigma)
     if tip.chances[worst] < ODD / len(tip.chances):
         text += (
             f"; {tip.ids[worst]} is off by {tip.residuals[worst]:.3g} {tip.unit}, at odds with the others: "

@@ -175,6 +175,17 @@ def test_views_too_few_for_what_is_free_are_refused(scene: IntrinsicsScene, fix:
         calibrate_intrinsics(few, fix=fix)
 
 
+def test_a_board_photographed_again_where_it_was_is_one_view(scene: IntrinsicsScene) -> None:
+    """Six photos of a board that nobody moved: the noise differs, the conditions are those of one."""
+    rng = np.random.default_rng(5)
+    first = scene.observations.views[0]
+    again = [
+        replace(first, id=f"{i}", moment="", uv=first.uv + rng.normal(scale=0.1, size=first.uv.shape)) for i in range(6)
+    ]
+    with pytest.raises(RefusedError, match=r"1 usable view \(6 given, the others show the board where it was\) cannot"):
+        calibrate_intrinsics(replace(scene.observations, views=tuple(again)))
+
+
 def test_one_view_determines_a_focal_length(scene: IntrinsicsScene) -> None:
     one = scene.observations.only(["4"])
     result = calibrate_intrinsics(one, fix=["aspect", "principal"])

@@ -10,7 +10,7 @@ import numpy as np
 from calibrant.calibrate.reprojection.held import ASPECT, GROUPS, expand_fix
 from calibrant.calibrate.reprojection.outliers import Marked
 from calibrant.cameras import Camera, CameraModel
-from calibrant.data import Check, ViewResult
+from calibrant.data import Check, View, ViewResult
 from calibrant.errors import RefusedError
 from calibrant.optimize.solution import Solution
 
@@ -29,8 +29,14 @@ CONDITIONS_PER_VIEW = 2
 """What one view of a plane says about focal lengths and principal point (Zhang 2000, section 2.3)."""
 
 
-def require_conditions(views: int, model: CameraModel, fix: Sequence[str]) -> None:
-    """Refuse views too few for the focal lengths and the principal point that are free.
+MINIMUM_COMMON = 4
+"""Points by which two views of a plane are told apart or not."""
+STILL_PX = 1.0
+"""A board whose points lie within this of where another view has them, rms, was not moved in between: it repeats."""
+
+
+def require_conditions(views: Sequence[View], model: CameraModel, fix: Sequence[str]) -> None:
+    """Refuse views too few for the focal lengths and the principal point that are free. Repeated views count once.
 
     Distortion would make up the missing conditions: the fit converges, with figures that rest on the lens model alone.
     Raises: RefusedError naming what is missing.
@@ -38,12 +44,32 @@ def require_conditions(views: int, model: CameraModel, fix: Sequence[str]) -> No
     held, aspect = expand_fix(fix, model)
     free = [n for group in ("focal", "principal") for n in GROUPS[group] if n not in held]
     unknowns = len(free) - (aspect and {"fx", "fy"} <= set(free))
-    if CONDITIONS_PER_VIEW * views < unknowns:
+    distinct = _distinct(views, -(-unknowns // CONDITIONS_PER_VIEW))
+    if CONDITIONS_PER_VIEW * distinct < unknowns:
+        repeated = f" ({len(views)} given, the others show the board where it was)" if len(views) > distinct else ""
         raise RefusedError(
-            f"views: {views} usable view{'s' if views != 1 else ''} cannot determine {', '.join(free)}: a view of a "
-            f"flat target gives {CONDITIONS_PER_VIEW} conditions, {unknowns} are needed; take more, better 10 to 20, "
-            f"tilted in different directions, or fix some: --fix principal,{ASPECT}"
+            f"views: {distinct} usable view{'s' if distinct != 1 else ''}{repeated} cannot determine "
+            f"{', '.join(free)}: a view of a flat target gives {CONDITIONS_PER_VIEW} conditions, {unknowns} are "
+            f"needed; take more, better 10 to 20, tilted in different directions, or fix some: --fix principal,{ASPECT}"
         )
+
+
+def _distinct(views: Sequence[View], enough: int) -> int:
+    """How many views show the board in a place of its own; not counted further than `enough`."""
+    found: list[View] = []
+    for view in views:
+        if len(found) == enough:
+            break
+        if not any(_same_place(view, other) for other in found):
+            found.append(view)
+    return len(found)
+
+
+def _same_place(view: View, other: View) -> bool:
+    common, a, b = np.intersect1d(view.point_ids, other.point_ids, return_indices=True)
+    if len(common) < MINIMUM_COMMON:
+        return False
+    return float(np.sqrt(np.mean(np.sum((view.uv[a] - other.uv[b]) ** 2, axis=1)))) < STILL_PX
 
 
 def intrinsics_checks(

@@ -87,7 +87,7 @@ def calibrate_keeping(
             f"({_why_no_view(observations, too_small)})"
         )
     if isinstance(seen, PlaneViews):
-        require_conditions(len(views), kind, fix)
+        require_conditions(views, kind, fix)
     try:
         start = find_start(stacked, seen, kind, image_size, initial=initial, fix=fix)
         fit, marked = fit_and_clean(views, stacked, start, kind, fix, max_error_px)
@@ -225,7 +225,7 @@ def _intrinsics_result(
     initial: Camera | None,
 ) -> CalibrationResult:
     if spatial_start.is_flat(fit.stacked.points):
-        require_conditions(len(fit.views), kind, fix)
+        require_conditions(fit.views, kind, fix)
     solution = fit.solution
     residuals = solution.residuals("reprojection")
     squares = np.sum(residuals**2, axis=1)

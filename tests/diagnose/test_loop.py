@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibrant.calibrate.cell.stated import hand_eye_pair
 from calibrant.data import CalibrationResult, RobotPoses, as_transform
-from calibrant.diagnose.loop import by_view, hand_eye_pair, loop_views, target_centre, target_outline
+from calibrant.diagnose.loop import by_view, loop_views, target_centre, target_outline
 from calibrant.geometry import se3, so3
 
 

@@ -7,16 +7,16 @@ All stand in the base frame: the pairs lie on each other when all is well (docum
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calibrant.arrays import Array
-from calibrant.calibrate.cell.problem.layout import STANDING, Layout, Pictures
-from calibrant.calibrate.cell.stated import stated_layout
+from calibrant.calibrate.cell.problem.layout import STANDING, Layout, Pictures, TargetPoses
+from calibrant.calibrate.cell.stated import cell_layout, stated_layout
 from calibrant.calibrate.review.residuals import seen_poses
-from calibrant.data import CalibrationResult, TransformEstimate
+from calibrant.data import CalibrationResult
 from calibrant.geometry import se3
 
 
@@ -53,48 +53,44 @@ def loop_views(result: CalibrationResult) -> tuple[LoopView, ...]:
 
     The camera's pose of the target comes from its picture alone: a joint fit's would already lean on the robot.
     """
-    layout = stated_layout(result, used_only=False)
-    if layout is not None:
-        return tuple(view for p in layout.pictures for view in _of_pictures(result, layout, p))
-    pair = hand_eye_pair(result)
-    if pair is None or result.robot_poses is None:
-        return ()
-    T_x_camera, T_x_target = pair
-    in_hand = T_x_camera.parent == "gripper"
-    seen, names = _seen_by_pose(result), _view_of_pose(result)
-    camera = next(iter(result.cameras), "")
-    centre = target_centre(result)
-    views = []
-    for name, T_base_gripper in zip(result.robot_poses.ids, result.robot_poses.T_base_gripper, strict=True):
-        T_base_camera = T_base_gripper @ T_x_camera.matrix if in_hand else T_x_camera.matrix
-        by_robot = T_x_target.matrix if in_hand else T_base_gripper @ T_x_target.matrix
-        step = _loop_view(name, T_base_gripper, T_base_camera, by_robot, seen.get(name), centre)
-        view = names.get(name, name)
-        views.append(replace(step, camera=camera, view=view, in_hand=in_hand, target_carried=not in_hand))
-    return tuple(views)
+    layout = cell_layout(result, used_only=False)
+    return () if layout is None else tuple(view for p in layout.pictures for view in _of_pictures(result, layout, p))
 
 
 def _of_pictures(result: CalibrationResult, layout: Layout, p: Pictures) -> list[LoopView]:
-    """The loop of one camera of several at one robot; none for a camera and a target that both stand still."""
-    if not p.movers or p.seen is None or not p.seen.views:
+    """The loop of one list: at every pose of the robot, or, of several lists, at those that it has a view of.
+
+    None for a camera and a target that both stand still.
+    """
+    if not p.movers:
         return []
     X = result.transform(layout.camera_parent(p), p.camera).matrix
     Z = result.transform(layout.target_parent(p), layout.target(p)).matrix
     camera, target = (_grippers(result, layout, robot) for robot in (p.camera_robot, p.target_robot))
     hand = camera or target
-    seen = seen_poses(result)
-    centre = np.concatenate([v.points for v in p.seen.views]).mean(axis=0)
+    seen = _seen_by_moment(result, p, hand)
+    centre = target_centre(replace(result, observations=p.seen))
     robot = "" if len(layout.robots) == 1 else f"{p.robot} "
+    name = p.camera if p.camera in result.cameras else ""
     out = []
-    for v in p.seen.views:
-        if v.moment not in hand:
-            continue
-        T_root_camera = camera[v.moment] @ X if camera else X
-        by_robot = target[v.moment] @ Z if target else Z
-        T = seen.get((v.camera, v.id))
-        step = _loop_view(f"{robot}{v.moment}", hand[v.moment], T_root_camera, by_robot, T, centre)
-        out.append(replace(step, camera=p.camera, view=v.id, in_hand=bool(camera), target_carried=bool(target)))
+    for moment in hand if len(layout.pictures) == 1 else seen:
+        view, T = seen.get(moment, (moment, None))
+        T_root_camera = camera[moment] @ X if camera else X
+        by_robot = target[moment] @ Z if target else Z
+        step = _loop_view(f"{robot}{moment}", hand[moment], T_root_camera, by_robot, T, centre)
+        out.append(replace(step, camera=name, view=view, in_hand=bool(camera), target_carried=bool(target)))
     return out
+
+
+def _seen_by_moment(
+    result: CalibrationResult, p: Pictures, hand: Mapping[str, Array]
+) -> dict[str, tuple[str, Array | None]]:
+    """A list's views by the pose of the robot that they were taken at: their ids and T_camera_target, where known."""
+    if isinstance(p.observations, TargetPoses):
+        return {i: (i, T) for i, T in zip(p.observations.ids, p.observations.T_camera_target)}
+    poses = seen_poses(result)
+    views = ((v.moment if v.moment in hand else v.id, v) for v in p.observations.views)
+    return {moment: (v.id, poses.get((v.camera, v.id))) for moment, v in views if moment in hand}
 
 
 def _grippers(result: CalibrationResult, layout: Layout, robot: str | None) -> dict[str, Array]:
@@ -145,16 +141,6 @@ def by_view(loop: Sequence[LoopView]) -> dict[tuple[str, str], LoopView]:
     return {(step.camera, step.view): step for step in loop}
 
 
-def hand_eye_pair(result: CalibrationResult) -> tuple[TransformEstimate, TransformEstimate] | None:
-    """X and Z of A X B = Z: gripper -> camera and base -> target, or base -> camera and gripper -> target, or None."""
-    for X in result.transforms:
-        other = {"gripper": "base", "base": "gripper"}.get(X.parent)
-        for Z in result.transforms:
-            if X.child in ("camera", *result.cameras) and (Z.parent, Z.child) == (other, "target"):
-                return X, Z
-    return None
-
-
 def target_centre(result: CalibrationResult) -> Array:
     """Middle (3,) of all target points seen, metres, target frame; its origin when no points are known."""
     corners = target_outline(result)
@@ -168,20 +154,3 @@ def target_outline(result: CalibrationResult) -> Array | None:
     points = np.concatenate([view.points for view in result.observations.views])
     (x0, y0, z0), (x1, y1, _) = points.min(axis=0), points.max(axis=0)
     return np.array([[x0, y0, z0], [x1, y0, z0], [x1, y1, z0], [x0, y1, z0]])
-
-
-def _view_of_pose(result: CalibrationResult) -> dict[str, str]:
-    """View id by pose id: a view belongs to the robot pose of its moment."""
-    return {view.moment: view.id for view in (result.observations.views if result.observations else ())}
-
-
-def _seen_by_pose(result: CalibrationResult) -> dict[str, Array]:
-    if result.T_camera_target is not None and result.robot_poses is not None:
-        return dict(zip(result.robot_poses.ids, result.T_camera_target, strict=True))
-    poses = seen_poses(result)
-    names = set(result.robot_poses.ids) if result.robot_poses else set()
-    seen = {}
-    for view in result.observations.views if result.observations else ():
-        if (view.camera, view.id) in poses:
-            seen[view.moment if view.moment in names else view.id] = poses[view.camera, view.id]
-    return seen

@@ -9,13 +9,14 @@ import numpy as np
 from calibrant.calibrate.cell.problem.layout import (
     IN_HAND,
     ONLY_ROBOT,
+    TARGET,
     TO_HAND,
     Layout,
     Pictures,
     TargetPoses,
     id_prefix,
 )
-from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Observations, RobotPoses
+from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Observations, RobotPoses, TransformEstimate
 
 
 def stated_layout(result: CalibrationResult, *, used_only: bool = True) -> Layout | None:
@@ -40,28 +41,47 @@ def stated_layout(result: CalibrationResult, *, used_only: bool = True) -> Layou
     return Layout(robots, tuple(pictures))
 
 
-def cell_layout(result: CalibrationResult) -> Layout | None:
+def cell_layout(result: CalibrationResult, *, used_only: bool = True) -> Layout | None:
     """The cell's frames and pictures with the views that the calibration used; a single list has no names in its file.
 
+    used_only: False for all views, or none, that the file holds.
     None where the file does not hold what the calibration was made from.
     """
-    stated = stated_layout(result)
-    poses, seen = result.robot_poses, result.observations
-    if stated is not None or poses is None or (seen is None and result.T_camera_target is None):
+    stated = stated_layout(result, used_only=used_only)
+    pair = hand_eye_pair(result)
+    if stated is not None or pair is None or result.robot_poses is None:
         return stated
-    on_robot = next((t for t in result.transforms if t.child in {*result.cameras, DEFAULT_CAMERA}), None)
-    target = next((t.child for t in result.transforms if on_robot is not None and t.child != on_robot.child), None)
-    if on_robot is None or target is None:
-        return None
-    setup = IN_HAND if on_robot.parent == "gripper" else TO_HAND
+    X, Z = pair
+    seen = _single_seen(result, used_only=used_only)
     if seen is None:
-        used = [k for k, v in enumerate(result.views) if v.used] if result.views else list(range(len(poses)))
-        measured = TargetPoses(tuple(poses.ids[k] for k in used), np.asarray(result.T_camera_target)[used])
-        return Layout({ONLY_ROBOT: poses}, (Pictures(on_robot.child, setup, measured, target=target),))
+        return None
+    setup = IN_HAND if X.parent == "gripper" else TO_HAND
+    return Layout({ONLY_ROBOT: result.robot_poses}, (Pictures(X.child, setup, seen, target=Z.child),))
+
+
+def hand_eye_pair(result: CalibrationResult) -> tuple[TransformEstimate, TransformEstimate] | None:
+    """X and Z of A X B = Z: gripper -> camera and base -> target, or base -> camera and gripper -> target, or None."""
+    for X in result.transforms:
+        other = {"gripper": "base", "base": "gripper"}.get(X.parent)
+        for Z in result.transforms:
+            if X.child in (DEFAULT_CAMERA, *result.cameras) and (Z.parent, Z.child) == (other, TARGET):
+                return X, Z
+    return None
+
+
+def _single_seen(result: CalibrationResult, *, used_only: bool) -> Observations | TargetPoses | None:
+    """What the only list saw: its views, or the target poses that were measured in their place."""
+    poses, seen = result.robot_poses, result.observations
+    if poses is not None and result.T_camera_target is not None and seen is None:
+        some = used_only and result.views
+        used = [k for k, v in enumerate(result.views) if v.used] if some else list(range(len(poses)))
+        return TargetPoses(tuple(poses.ids[k] for k in used), np.asarray(result.T_camera_target)[used])
+    if seen is None:
+        return None if used_only else TargetPoses((), np.zeros((0, 4, 4)))
+    if not used_only:
+        return seen
     kept = {v.id for v in result.views if v.used}
-    views = tuple(v for v in seen.views if v.id in kept or v.moment in kept)
-    pictures = Pictures(on_robot.child, setup, replace(seen, views=views, missed=()), target=target)
-    return Layout({ONLY_ROBOT: poses}, (pictures,))
+    return replace(seen, views=tuple(v for v in seen.views if v.id in kept or v.moment in kept), missed=())
 
 
 def _poses_of(poses: RobotPoses, robot: str, *, alone: bool) -> RobotPoses:

@@ -92,7 +92,9 @@ def build(request: type, values: Mapping[str, Any]) -> Any:
 
 
 def _taken(name: str, kind: Any, value: Any) -> Any:
-    """A value as its field wants it: paths and texts for each other, one for many, NAME=VALUE for a mapping."""
+    """A value as its field wants it: paths and texts for each other, one for many, NAME=VALUE for a mapping, and the
+    spec of a target for the target."""
+    value = _said(value)
     if value is None and NoneType in get_args(kind):
         return None
     wanted = inner_of(kind)
@@ -113,6 +115,12 @@ def _taken(name: str, kind: Any, value: Any) -> Any:
     raise InputError(f"{name} takes {number}{what}, got {value!r}")
 
 
+def _said(value: Any) -> Any:
+    """The text that says what a target is; anything else as it stands."""
+    spec = getattr(value, "spec", None)
+    return spec if isinstance(spec, str) else value
+
+
 def inner_of(kind: Any) -> Any:
     """The type beside None."""
     return next(k for k in get_args(kind) if k is not NoneType) if NoneType in get_args(kind) else kind
@@ -120,13 +128,14 @@ def inner_of(kind: Any) -> Any:
 
 def words_of(name: str, value: Any) -> Iterator[str]:
     """The texts of one value, of several, or of several by name, NAME=VALUE. Raises: InputError for anything else."""
+    value = _said(value)
     if isinstance(value, str | Path):
         yield str(value)
     elif isinstance(value, Mapping):
         for key, inner in value.items():
             yield from (f"{key}={word}" for word in words_of(name, inner))
     elif isinstance(value, Iterable):
-        for word in value:
+        for word in map(_said, value):
             if not isinstance(word, str | Path):
                 raise InputError(f"{name} takes texts or paths, got {word!r} among them")
             yield str(word)

@@ -186,6 +186,14 @@ def test_a_board_photographed_again_where_it_was_is_one_view(scene: IntrinsicsSc
         calibrate_intrinsics(replace(scene.observations, views=tuple(again)))
 
 
+def test_a_view_without_points_is_left_out_and_named(scene: IntrinsicsScene) -> None:
+    nothing = replace(scene.observations.views[0].subset(np.zeros(88, dtype=bool)), id="nothing", moment="")
+    result = calibrate_intrinsics(replace(scene.observations, views=(*scene.observations.views, nothing)))
+    (view,) = [v for v in result.views if v.id == "nothing"]
+    assert not view.used
+    assert result.rms_px == calibrate_intrinsics(scene.observations).rms_px
+
+
 def test_one_view_determines_a_focal_length(scene: IntrinsicsScene) -> None:
     one = scene.observations.only(["4"])
     result = calibrate_intrinsics(one, fix=["aspect", "principal"])

@@ -56,3 +56,11 @@ def test_points_that_determine_no_pose_are_refused_by_name() -> None:
     line = seen[1].subset(np.arange(30) < 6)
     with pytest.raises(InputError, match=r"view '1': its 6 points determine no pose"):
         target_poses(CAMERA, [seen[0], line, seen[2]])
+
+
+def test_a_view_without_points_is_refused_by_name_beside_others() -> None:
+    _, seen = views(3, sigma_px=0.1)
+    nothing = seen[1].subset(np.zeros(len(seen[1]), dtype=bool))
+    for given in ([nothing], [seen[0], nothing], [nothing, seen[2]]):
+        with pytest.raises(InputError, match=r"view '1': its 0 points determine no pose"):
+            target_poses(CAMERA, given)

@@ -54,6 +54,9 @@ def target_poses(camera: Camera, views: Sequence[View], *, loss: Loss | None = N
     typical point).
     Raises: InputError for a view whose points do not determine a pose, naming it.
     """
+    empty = next((v for v in views if not len(v)), None)
+    if empty is not None:
+        raise InputError(f"view {empty.id!r}: its 0 points determine no pose (fewer than 4, or on a line)")
     stacked = stack(views)
     rays = camera.unproject(stacked.uv)
     lost = ~np.isfinite(rays).all(axis=1)

@@ -11,7 +11,7 @@ from calibrant.errors import InputError
 from calibrant.tasks.options.fields import Field, spread
 from calibrant.tasks.options.option import Option
 from calibrant.tasks.registry import Entry
-from calibrant.tasks.writing import check_folder, check_writable
+from calibrant.tasks.writing import check_folder, check_spared, check_writable
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,10 +63,7 @@ class Places:
 
     def spare(self, inputs: Iterable[str | Path]) -> None:
         """Refuse to write over a file that is read, even with --force. Raises: InputError naming it."""
-        read = {Path(file).resolve() for file in inputs}
-        for _, path in self.files:
-            if path.resolve() in read:
-                raise InputError(f"{path} is an input of this command and is left alone; give the output another name")
+        check_spared((path for _, path in self.files), inputs)
 
 
 def places_of(fields: Iterable[Field], values: dict[str, object], beside: str | None) -> Places:

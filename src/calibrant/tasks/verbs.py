@@ -13,11 +13,12 @@ import inspect
 import textwrap
 from collections.abc import Callable, Mapping
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from calibrant.tasks.options.fields import Field, build, spread
 from calibrant.tasks.registry import TASKS, Entry, Task, reads_of
-from calibrant.tasks.writing import check_folder, check_writable, write_documents
+from calibrant.tasks.writing import check_folder, check_spared, check_writable, write_documents
 
 if TYPE_CHECKING:
     from calibrant.data import CalibrationResult
@@ -61,13 +62,16 @@ def _run(task: Task, values: Mapping[str, Any], *, force: bool) -> Any:
     from calibrant.tasks.listener import SILENT
 
     request = build(task.Request, values)
-    inputs = {str(file) for file in reads_of(task, request)}
-    for field in spread(task.Request):
-        path = values.get(field.name)
-        if path is not None and field.option.output == "file":
-            check_writable(_spared(path, inputs), force=force)
-        elif path is not None and field.option.output == "folder":
-            check_folder(_spared(path, inputs), option=field.name)
+    named = {
+        f: Path(values[f.name]) for f in spread(task.Request) if f.option.output and values.get(f.name) is not None
+    }
+    places = {f: path for f, path in named.items() if f.option.output in ("file", "folder")}
+    check_spared(places.values(), reads_of(task, request))
+    for field, path in places.items():
+        if field.option.output == "file":
+            check_writable(path, force=force)
+        else:
+            check_folder(path, option=field.name)
     outcome = task.run(request, SILENT)
     write_documents(outcome.documents, force=force)
     if outcome.result is None and outcome.refusal is not None:
@@ -115,14 +119,3 @@ def documentation(name: str, entry: Entry, task: Task) -> str:
         "Raises: InputError for what cannot be used; RefusedError, with the result, for what failed its own checks.",
     ]
     return "\n\n".join(paragraphs)
-
-
-def _spared(path: Any, inputs: set[str]) -> Any:
-    """The path. Raises: InputError for an output that is an input."""
-    from pathlib import Path
-
-    from calibrant.errors import InputError
-
-    if Path(path).resolve() in {Path(file).resolve() for file in inputs}:
-        raise InputError(f"{path} is an input of this command and is left alone; give the output another name")
-    return Path(path)

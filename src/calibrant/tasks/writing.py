@@ -24,6 +24,14 @@ def check_writable(path: Path, *, force: bool) -> None:
         raise InputError(f"cannot write {path}: the folder {path.parent} is not writable")
 
 
+def check_spared(paths: Iterable[Path], inputs: Iterable[str | Path]) -> None:
+    """Raises: InputError naming the first path that is one of the files read: these are never written over."""
+    read = {Path(file).resolve() for file in inputs}
+    for path in paths:
+        if path.resolve() in read:
+            raise InputError(f"{path} is an input of this command and is left alone; give the output another name")
+
+
 def check_folder(path: Path, *, option: str) -> None:
     """Raises: InputError when files cannot be written into this folder, which need not be there yet."""
     if path.exists() and not path.is_dir():

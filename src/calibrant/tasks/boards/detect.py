@@ -55,13 +55,7 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
 
 
 def _source(request: Request, listener: Listener) -> Source:
-    return Source(
-        images=request.photos.images,
-        target=request.photos.target,
-        search=request.search,
-        refinement=request.corners.refinement(),
-        listener=listener,
-    )
+    return Source.of(request.photos, request.search, listener, corners=request.corners)
 
 
 def _observations_result(found: Observations, inputs: list[Path], *, mirror_x: bool) -> CalibrationResult:

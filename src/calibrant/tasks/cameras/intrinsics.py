@@ -51,7 +51,11 @@ class Request:
 def reads(request: Request) -> list[Path]:
     """The photos or the file of points, and the camera to start from."""
     source = _source(request, SILENT)
-    return [*source.inputs(source.files()), *([request.initial] if request.initial else [])]
+    return _inputs(request, source, source.files())
+
+
+def _inputs(request: Request, source: Source, files: list[Path]) -> list[Path]:
+    return [*source.inputs(files), *([request.initial] if request.initial else [])]
 
 
 def run(request: Request, listener: Listener = SILENT) -> Outcome:
@@ -71,21 +75,14 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
             result = _calibrated(more, request, limit)
     if request.search.mirror_x:
         result = replace(result, options={**result.options, "mirror_x": True})
-    result = replace(result, inputs=session.file_records(reads(request)))
+    result = replace(result, inputs=session.file_records(_inputs(request, source, files)))
     result = session.with_misses(result)
     refuse_if_failed(result)
     return Outcome(result=result, documents=_asked_for(result, request), beside=_beside(result, request))
 
 
 def _source(request: Request, listener: Listener) -> Source:
-    return Source(
-        images=request.photos.images,
-        target=request.photos.target,
-        observations=request.points.observations,
-        search=request.search,
-        refinement=request.corners.refinement(),
-        listener=listener,
-    )
+    return Source.of(request.photos, request.search, listener, points=request.points, corners=request.corners)
 
 
 def _calibrated(found: Observations, request: Request, limit: float | None) -> CalibrationResult:

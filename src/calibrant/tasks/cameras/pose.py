@@ -21,6 +21,7 @@ from calibrant.tasks.options.images import PhotoOptions, PointsOptions, SearchOp
 from calibrant.tasks.options.option import Option
 from calibrant.tasks.options.words import pixels
 from calibrant.tasks.outcome import Document, Outcome
+from calibrant.tasks.writing import check_spared
 
 if TYPE_CHECKING:
     from calibrant.cameras import Camera
@@ -99,13 +100,7 @@ def _camera_file(request: Request) -> Path:
 
 
 def _pose_source(request: Request, listener: Listener) -> Source:
-    return Source(
-        images=request.photos.images,
-        target=request.photos.target,
-        observations=request.points.observations,
-        search=request.search,
-        listener=listener,
-    )
+    return Source.of(request.photos, request.search, listener, points=request.points)
 
 
 def _pictures(found: Observations, overlay: Path | None, inputs: list[Path]) -> dict[str, Path]:
@@ -120,19 +115,14 @@ def _pictures(found: Observations, overlay: Path | None, inputs: list[Path]) -> 
     if len(found.views) == 1 and not overlay.is_dir():
         if not overlay.suffix:
             raise InputError(f"--overlay {overlay}: expected the name of a picture, such as seen.png")
-        return _spared({found.views[0].id: overlay}, inputs)
+        check_spared([overlay], inputs)
+        return {found.views[0].id: overlay}
     if overlay.exists() and not overlay.is_dir():
         raise InputError(f"--overlay {overlay} is a file; {len(found.views)} photos need a folder")
     if not overlay.parent.is_dir():
         raise InputError(f"--overlay {overlay}: there is no folder {overlay.parent}; make it first")
-    return _spared({v.id: overlay / (v.id.replace("/", "_") + ".png") for v in found.views}, inputs)
-
-
-def _spared(files: dict[str, Path], inputs: list[Path]) -> dict[str, Path]:
-    read = {file.resolve() for file in inputs}
-    for path in files.values():
-        if path.resolve() in read:
-            raise InputError(f"{path} is an input of this command and is left alone; give the output another name")
+    files = {v.id: overlay / (v.id.replace("/", "_") + ".png") for v in found.views}
+    check_spared(files.values(), inputs)
     return files
 
 

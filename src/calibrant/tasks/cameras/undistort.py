@@ -174,7 +174,7 @@ def _targets(files: Sequence[Path], request: Request) -> dict[Path, Path]:
     if doubled:
         sources = ", ".join(str(file) for file, path in targets.items() if path == doubled[0])
         raise InputError(f"two photos would become {doubled[0]}: {sources}; undistort them into two folders")
-    read = {file.resolve() for file in reads(request)}
+    read = {file.resolve() for file in (*files, *([request.camera] if request.camera is not None else []))}
     for path in [*targets.values(), request.out / CAMERA_FILE]:
         if path.resolve() in read:
             raise InputError(f"{path} is an input of this command and is left alone; give another folder")

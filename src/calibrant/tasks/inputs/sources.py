@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from calibrant.errors import InputError
 from calibrant.tasks.inputs import session
 from calibrant.tasks.listener import SILENT, Listener
-from calibrant.tasks.options.images import SearchOptions
+from calibrant.tasks.options.images import CornerOptions, PhotoOptions, PointsOptions, SearchOptions
 from calibrant.tasks.options.words import split_names
 
 if TYPE_CHECKING:
@@ -32,6 +32,26 @@ class Source:
     search: SearchOptions = SearchOptions()
     refinement: Refinement | None = None
     listener: Listener = SILENT
+
+    @classmethod
+    def of(
+        cls,
+        photos: PhotoOptions,
+        search: SearchOptions,
+        listener: Listener,
+        *,
+        points: PointsOptions | None = None,
+        corners: CornerOptions | None = None,
+    ) -> Source:
+        """What a request's groups of options say. Raises: InputError for corners that cannot be measured so."""
+        return cls(
+            images=photos.images,
+            target=photos.target,
+            observations=None if points is None else points.observations,
+            search=search,
+            refinement=None if corners is None else corners.refinement(),
+            listener=listener,
+        )
 
     @property
     def exclude(self) -> tuple[str, ...]:

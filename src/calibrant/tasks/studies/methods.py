@@ -76,13 +76,7 @@ def _own_points(request: Request) -> bool:
 
 
 def _study_source(request: Request, listener: Listener) -> Source:
-    return Source(
-        images=request.photos.images,
-        target=request.photos.target,
-        observations=request.points_file.observations,
-        search=request.search,
-        listener=listener,
-    )
+    return Source.of(request.photos, request.search, listener, points=request.points_file)
 
 
 def _observed(request: Request, listener: Listener) -> Study:

@@ -13,7 +13,8 @@ from hypothesis import settings
 settings.register_profile("the same in every run", derandomize=True, database=None, deadline=None)
 settings.load_profile("the same in every run")
 
-SHARED_DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+SHARED = Path(__file__).resolve().parents[1].parent / "shared"
+SHARED_DATA = SHARED / "data"
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
@@ -40,6 +41,19 @@ def shared_data() -> Callable[[str], Path]:
         path = SHARED_DATA / name
         if not path.is_dir():
             pytest.skip(f"real data set {name} not found beside the project, in ../shared/data")
+        return path
+
+    return folder
+
+
+@pytest.fixture(scope="session")
+def shared_case() -> Callable[[str], Path]:
+    """The folder of a case from the field by name; the test is skipped where it is not there."""
+
+    def folder(name: str) -> Path:
+        path = SHARED / "cases" / name
+        if not path.is_dir():
+            pytest.skip(f"case {name} not found beside the project, in ../shared/cases")
         return path
 
     return folder

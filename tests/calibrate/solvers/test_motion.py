@@ -187,6 +187,19 @@ class TestAgreement:
         assert found["rotation-agreement"] == "ok"
         assert found["screw-agreement"] == "fail"
 
+    @pytest.mark.parametrize("camera", [0.0, 0.02])
+    def test_a_wrist_alone_is_no_disagreement(self, camera: float) -> None:
+        """All motions turn about one point: their advances are zero, and what differs is noise."""
+        rng = np.random.default_rng(12)
+        A, _, X = scene(rng, so3.random(rng, 20))
+        A[:, :3, 3] = [0.5, 0.1, 0.6] - A[:, :3, :3] @ [0.0, 0.02, 0.15]
+        B = se3.inverse(X) @ se3.inverse(A) @ se3.make(np.eye(3), [0.5, 0.0, 0.0])
+        B = se3.retract(B, camera * np.array([np.deg2rad(1.0)] * 3 + [1e-2] * 3) * rng.normal(size=(20, 6)))
+        found = motion_report(A, B)
+        assert set(statuses(found).values()) == {"ok"}
+        wrong = motion_report(A, np.roll(B, 1, axis=0))
+        assert statuses(wrong)["rotation-agreement"] == "fail"
+
 
 class TestPairs:
     def test_all_pairs_up_to_the_cap(self) -> None:

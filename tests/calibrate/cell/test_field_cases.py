@@ -1,0 +1,28 @@
+"""Hand-eye data from the field, each with the camera that another method found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from calibrant.tasks.options.poses import TargetPoseOptions
+from calibrant.tasks.robots import hand_eye
+
+
+def camera_mm(poses: list[Path], target: list[Path] | None, setup: str = "auto") -> list[float]:
+    """Where the camera is found, mm, in its parent's frame."""
+    measured = TargetPoseOptions(target_poses=tuple(map(str, target or ())))
+    request = hand_eye.Request(poses=tuple(map(str, poses)), measured=measured, setup=(setup,))
+    result = hand_eye.run(request).result
+    assert result is not None
+    parent = {"eye-in-hand": "gripper", "eye-to-hand": "base"}[str(result.decided["setup"])]
+    return [1e3 * float(x) for x in result.transform(parent, "camera").matrix[:3, 3]]
+
+
+def test_a_wrist_alone(shared_case: Callable[[str], Path]) -> None:
+    """All motions turn about one fixed point; the truth is (50, 20, 100) mm, a closed form gives (50.0, 20.0, 99.9)."""
+    folder = shared_case("15-wrist")
+    found = camera_mm([folder / "wr_robot.csv"], [folder / "wr_cam.csv"], "eye-in-hand")
+    assert found == pytest.approx([50, 20, 100], abs=0.5)  # four sigma of 0.13 mm

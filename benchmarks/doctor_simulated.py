@@ -22,8 +22,8 @@ from pathlib import Path
 
 import numpy as np
 from doctor import ABOUT_MOTIONS, FAULTS, Sample, Text, diagnosed, distance, native, reference, result_of
-from doctor_worlds import SOURCES, Source, World, about_one_axis, by_five_joints, draw_world, without_turns
 from numpy.typing import NDArray
+from parts.doctor_worlds import SOURCES, Source, World, about_one_axis, by_five_joints, draw_world, without_turns
 from scipy.special import betaincinv
 
 from calibrant.cameras import Camera

@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-PEER_SCRIPT = Path(__file__).with_name("optimizer_peers.py")
+PEER_SCRIPT = Path(__file__).with_name("parts") / "optimizer_peers.py"
 CACHE = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "calibrant-benchmarks"
 OPENCV = {"OpenCV 4.14": "4.14", "OpenCV 5.0": "5.0"}
 Row = dict[str, Any]

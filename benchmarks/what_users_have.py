@@ -1,0 +1,112 @@
+"""What comes out for data as users have them: are wrong answers said to be wrong, and are stated sigmas true?
+
+    python benchmarks/what_users_have.py                                   100 seeds of every condition
+    python benchmarks/what_users_have.py --only intrinsics --seeds 20      all of a kind, or one: --only zoom-1
+    python benchmarks/what_users_have.py --only zoom-1 --seed 17           one run, with what its checks say
+    python benchmarks/what_users_have.py --list                            names of the conditions
+    python benchmarks/what_users_have.py --only clean --seeds 1000 --json clean.json
+
+The photos and robots are those of benchmarks/users, which shares no equation with the calibrator. A seed gives the same
+camera, board and poses in every condition that draws alike. How to read the table: benchmarks/README.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from users import intrinsics
+from users.runs import Figures, Run, figures
+
+HEAD = (
+    "| condition | ok / warn / refused / error | silent + hidden | mean, all (median) | mean, ok (median) | 95 % hold "
+    "| sigma / least, all; ok | ms | what warned |"
+)
+
+
+def named(words: list[str] | None) -> list[Any]:
+    """Conditions whose name holds, matches or ends in one of the words; an exact last part goes before parts of it."""
+    every = intrinsics.conditions()
+    if not words:
+        return every
+    exact = [c for c in every if any(c.name == w or c.name.split("/")[1] == w for w in words)]
+    return exact or [c for c in every if any(w in c.name or fnmatch(c.name, w) for w in words)]
+
+
+def run(condition: Any, seed: int) -> Run:
+    return intrinsics.run(condition, seed)
+
+
+def row(f: Figures) -> str:
+    v = f.verdicts
+    warned = ", ".join(f"{name} {n}" for name, n in list(f.warned.items())[:5])
+    return (
+        f"| {f.name} | {v['ok']} / {v['warn']} / {v['refused']} / {v['error']} | {f.silent} + {f.hidden} "
+        f"| {f.mean:.3g} ({f.median:.2g}) | {f.mean_ok:.3g} ({f.median_ok:.2g}) | {100 * f.covered:.0f} % "
+        f"| {f.growth:.2f}; {f.growth_ok:.2f} | {f.ms:.0f} | {warned} |"
+    )
+
+
+def tell(condition: Any, seed: int) -> None:
+    """One run in words."""
+    r = run(condition, seed)
+    scores = ", ".join(f"{s:.1f}" for s in r.scores)
+    print(f"{condition.name} ({condition.words}), seed {seed}: {r.verdict}{', SILENT' if r.silent else ''}")
+    print(
+        f"  e^T C^-1 e {r.error:.3g} of {r.dof}; errors in sigma {scores}; sigma / least {r.growth:.2f}; {r.ms:.0f} ms"
+    )
+    for words in r.words:
+        print(f"  {words}")
+
+
+def tables(chosen: list[Any], seeds: range) -> Iterator[Figures]:
+    print(HEAD + "\n" + "|---" * (HEAD.count("|") - 1) + "|")
+    for condition in chosen:
+        f = figures(condition.name, [run(condition, seed) for seed in seeds])
+        print(row(f), flush=True)
+        yield f
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--only", nargs="*", help="names of conditions, or parts of names")
+    parser.add_argument("--seeds", type=int, default=100, help="runs of each condition")
+    parser.add_argument("--first", type=int, default=0, help="the first seed")
+    parser.add_argument("--seed", type=int, help="this seed alone, in words")
+    parser.add_argument("--json", type=Path, help="write the figures here")
+    parser.add_argument("--list", action="store_true", help="names of the conditions")
+    options = parser.parse_args()
+    chosen = named(options.only)
+    if not chosen:
+        sys.exit(f"no condition is called {' '.join(options.only)}; --list names them")
+    if options.list:
+        print("\n".join(f"{c.name:32} {c.words}" for c in chosen))
+    elif options.seed is not None:
+        for condition in chosen:
+            tell(condition, options.seed)
+    else:
+        run(chosen[0], 0)  # compiled, before any time is taken
+        found = list(tables(chosen, range(options.first, options.first + options.seeds)))
+        total, silent = sum(f.runs for f in found), sum(f.silent for f in found)
+        print(f"\n{silent} of {total} silent ({100 * silent / total:.2f} %)")
+        for f in found:
+            if f.silent:
+                print(f"  {f.name}: seeds {' '.join(map(str, f.silent_seeds[:20]))}")
+        if options.json:
+            options.json.write_text(json.dumps([asdict(f) for f in found], indent=1, default=float), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    np.seterr(all="ignore")
+    main()

@@ -88,9 +88,20 @@ def test_the_page_is_well_formed_and_fetches_nothing(pages: dict[str, str], kind
 
 
 def test_the_sections_of_each_kind(pages: dict[str, str]) -> None:
-    every = ["Checks", "Result", "In space", "Views", "Residuals", "Coverage", "Options and inputs"]
+    every = ["Result", "Checks", "In space", "Views", "Residuals", "Coverage", "Options and inputs"]
     assert _outline(pages["intrinsics"]).headings == ["Camera calibration", *every]
     assert _outline(pages["eye-to-hand"]).headings == ["Hand-eye calibration", *every[:2], "Methods", *every[2:]]
+
+
+def test_the_matrix_can_be_copied_as_python_and_json_read_it(
+    pages: dict[str, str], hand_eye_result: Callable[[str], CalibrationResult]
+) -> None:
+    shown = re.findall(r'<pre class="code">(.*?)</pre>', pages["eye-to-hand"], re.S)
+    transforms = hand_eye_result("eye-to-hand").transforms
+    assert len(shown) == len(transforms)
+    for text, estimate in zip(shown, transforms, strict=True):
+        assert np.allclose(json.loads(text), estimate.matrix, atol=1e-7)
+    assert pages["eye-to-hand"].count("data-copy hidden") == len(shown)
 
 
 def test_numbers_stand_with_their_uncertainty(pages: dict[str, str]) -> None:

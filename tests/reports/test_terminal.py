@@ -11,13 +11,13 @@ import pytest
 from rich.console import Console
 
 from calibrant.cameras import Camera, camera_model
-from calibrant.data import CalibrationResult, ViewResult
+from calibrant.data import CalibrationResult, Check, ViewResult
 from calibrant.reports.terminal import summary
 
 
-def _printed(result: CalibrationResult, *, width: int = 80) -> str:
+def _printed(result: CalibrationResult, *, width: int = 80, verbose: bool = False) -> str:
     stream = io.StringIO()
-    Console(file=stream, width=width).print(summary(result))
+    Console(file=stream, width=width).print(summary(result, verbose=verbose))
     return stream.getvalue()
 
 
@@ -38,12 +38,28 @@ def test_left_out_views_carry_their_reason(intrinsics_result: CalibrationResult)
 
 
 def test_hand_eye_shows_both_transforms_methods_and_noise(hand_eye_result: Callable[[str], CalibrationResult]) -> None:
-    text = _printed(hand_eye_result("eye-in-hand"))
+    text = _printed(hand_eye_result("eye-in-hand"), verbose=True)
     for expected in ("gripper → camera (T_gripper_camera)", "base → target (T_base_target)", "held-out error", "park"):
         assert expected in text
     assert "no answer: the rotation axes" in text
-    assert any(line.split() == ["x", "30.00", "0.11", "mm"] for line in text.splitlines())
+    assert any(line.split()[:4] == ["x", "30.00", "0.11", "mm"] for line in text.splitlines())
+    assert "matrix, metres:" in text
     assert text.rstrip().splitlines()[-2].startswith("Verdict: GOOD.")
+
+
+def test_what_passed_and_what_methods_give_is_folded(hand_eye_result: Callable[[str], CalibrationResult]) -> None:
+    checks = tuple(Check(f"question-{i}", "ok", "fine") for i in range(9))
+    asked = Check("workspace", "ok", "within the tolerance of 1 mm")
+    doubt = Check("target-size", "warn", "measure the board")
+    text = _printed(replace(hand_eye_result("eye-in-hand"), checks=(*checks, asked, doubt), verdict="warn"))
+    assert "9 more checks passed; --verbose or the report shows them" in " ".join(text.split())
+    assert "question-3" not in text
+    assert "within the tolerance of 1 mm" in text
+    assert "measure the board" in text
+    assert "park" not in text
+    assert text.index("T_gripper_camera") < text.index("Checks")
+    few = _printed(replace(hand_eye_result("eye-in-hand"), checks=checks[:3]))
+    assert "question-2" in few
 
 
 @pytest.mark.parametrize("width", [80, 140])

@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 import traceback
 from collections.abc import Sequence
+from contextlib import suppress
 
 from calibrant.cli.command import Command, UsageError, nearest, parse
 from calibrant.cli.help import command_help, group_help
@@ -29,22 +30,20 @@ INTERRUPTED = "interrupted; no result was written"
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     given = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
-    debug = "--debug" in given
     try:
         return _answered(given)
-    except CancelledError as error:
-        return _failed(error, error.exit_status, debug, text=INTERRUPTED)
-    except CalibrantError as error:
-        return _failed(error, error.exit_status, debug)
-    except KeyboardInterrupt:
-        sys.stderr.write(f"calibrant: {INTERRUPTED}\n")
-        return 130
     except OSError as error:
-        if error.filename is not None:
-            return _failed(error, 1, debug, text=_internal(error))
-        return _failed(error, 2, debug, text=f"cannot write to standard output: {error.strerror or error}")
+        if error.filename is None:
+            return _failed(error, given, 2, text=f"cannot write to standard output: {error.strerror or error}")
+        return _failed(error, given, 1, text=_internal(error))
+    except CancelledError as error:
+        return _failed(error, given, error.exit_status, text=INTERRUPTED)
+    except CalibrantError as error:
+        return _failed(error, given, error.exit_status)
+    except KeyboardInterrupt as error:
+        return _failed(error, given, 130, text=INTERRUPTED)
     except Exception as error:  # noqa: BLE001 - the last line of defence: a defect of ours, said so
-        return _failed(error, 1, debug, text=_internal(error))
+        return _failed(error, given, 1, text=_internal(error))
 
 
 def _answered(given: list[str]) -> int:
@@ -105,16 +104,32 @@ def _work(command: Command, arguments: Sequence[str]) -> int:
         outcome = command.task.run(call.request, listener(silent=call.outputs.silent))
     except RefusedError as error:
         raise explained(error, call) from error
-    finish(outcome, call)
-    return 0
+    refusal = finish(outcome, call)
+    if refusal is None:
+        return 0
+    # What --json prints is the result, which says that it is refused and why.
+    _say(refusal, arguments)
+    return refusal.exit_status
 
 
 def _internal(error: Exception) -> str:
     return f"internal error: {type(error).__name__}: {error}. Run again with --debug and report it."
 
 
-def _failed(error: BaseException, status: int, debug: bool, *, text: str | None = None) -> int:
-    if debug:
+def _failed(error: BaseException, given: Sequence[str], status: int, *, text: str | None = None) -> int:
+    """Say what went wrong, to people on standard error and, where they asked for it, to programs."""
+    if "--json" in given:
+        from calibrant.cli.failure import failure_json
+
+        # A standard output that cannot be written to is what may have failed.
+        with suppress(OSError, ValueError):
+            sys.stdout.write(failure_json(error, status, text if text is not None else str(error)))
+            sys.stdout.flush()
+    _say(error, given, text=text)
+    return status
+
+
+def _say(error: BaseException, given: Sequence[str], *, text: str | None = None) -> None:
+    if "--debug" in given:
         traceback.print_exception(error, file=sys.stderr)
     sys.stderr.write(f"calibrant: {text if text is not None else error}\n")
-    return status

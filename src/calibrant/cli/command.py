@@ -56,6 +56,11 @@ class Call:
 
 def parse(command: Command, arguments: Sequence[str]) -> Call:
     """The request on a command line. Raises: UsageError for arguments that are none of the command's."""
+    # Before the parser, which says of a missing argument first what a misspelt option did not give it.
+    for word in arguments:
+        flag = word.partition("=")[0]
+        if flag.startswith("--") and flag != "--" and flag not in command.flags:
+            raise UsageError(f"No such option: {flag}{nearest(flag, command.flags)}")
     from cyclopts import CycloptsError
 
     try:

@@ -28,8 +28,10 @@ _LISTED = 3
 """Pictures of one folder that are named; of more, their number."""
 
 
-def finish(outcome: Outcome, call: Call) -> None:
-    """Write the documents, show the summary, say what was written. Raises: InputError; the outcome's own refusal."""
+def finish(outcome: Outcome, call: Call) -> RefusedError | None:
+    """Write the documents, show the summary, say what was written. Returns: why the answer is no all the same: the
+    outcome's own refusal, or warnings where --strict lets none pass. Raises: InputError.
+    """
     outputs = call.outputs
     shown = outputs.report is not None or not outputs.silent
     # One look serves page and terminal: what both show is computed once.
@@ -38,11 +40,13 @@ def finish(outcome: Outcome, call: Call) -> None:
     if outputs.json:
         sys.stdout.write(outcome.text())
     elif not outputs.silent:
-        _show(outcome, seen)
+        _show(outcome, seen, verbose=outputs.verbose)
         if written:
             sys.stdout.write(f"\nWritten: {', '.join(_listed(written))}\n")
-    if outcome.refusal is not None:
-        raise outcome.refusal
+    if outputs.quiet and outcome.result is not None:
+        for line in _warnings(outcome.result):
+            sys.stderr.write(f"calibrant: {line}\n")
+    return outcome.refusal or _not_strict(outcome, call)
 
 
 def explained(error: RefusedError, call: Call) -> RefusedError:
@@ -56,6 +60,22 @@ def explained(error: RefusedError, call: Call) -> RefusedError:
     page = Document(report, partial(_page, _seen(with_misses(error.result))))
     write_documents([page], force=call.outputs.force)
     return RefusedError(f"{error}\ncalibrant: {report} shows the refused calibration")
+
+
+def _warnings(result: CalibrationResult) -> list[str]:
+    """Every warning in a line."""
+    return [f"warning: {c.name}: {' '.join(c.message.split())}" for c in result.checks if c.status == "warn"]
+
+
+def _not_strict(outcome: Outcome, call: Call) -> RefusedError | None:
+    """The refusal of a result that warns, where only one without any is wanted."""
+    result = outcome.result
+    if not call.outputs.strict or result is None or result.verdict == "ok":
+        return None
+    names = ", ".join(dict.fromkeys(c.name for c in result.checks if c.status != "ok"))
+    error = RefusedError(f"not without warnings, which --strict asks for: {names or result.verdict}")
+    error.result = result
+    return error
 
 
 def _documents(outcome: Outcome, call: Call, seen: Look | None) -> Iterator[Document]:
@@ -89,17 +109,29 @@ def _page(seen: Look) -> bytes:
     return report_page(seen).encode()
 
 
-def _show(outcome: Outcome, seen: Look | None) -> None:
+def _show(outcome: Outcome, seen: Look | None, *, verbose: bool) -> None:
     from rich.text import Text
 
-    if outcome.summary is not None:
-        words = outcome.summary()
-        # Lines of text are as long as their words; what Rich lays out itself is laid into the terminal's width.
-        _console().print(words, soft_wrap=isinstance(words, Text))
-    elif seen is not None:
-        from calibrant.reports.terminal import summary
+    shown = seen if outcome.summary is None else outcome.summary()
+    console = _console()
+    for part in shown if isinstance(shown, tuple) else (shown,):
+        if _is_result(part):
+            from calibrant.reports.terminal import summary
 
-        _console().print(summary(seen))
+            console.print(summary(part, verbose=verbose))
+        elif part is not None:
+            # Lines of text are as long as their words; what Rich lays out itself is laid into the terminal's width.
+            console.print(part, soft_wrap=isinstance(part, Text))
+
+
+def _is_result(part: object) -> bool:
+    """Whether it is a result, or a look at one: told as every result is."""
+    if isinstance(part, str):
+        return False
+    from calibrant.data import CalibrationResult
+    from calibrant.diagnose.look import Look
+
+    return isinstance(part, CalibrationResult | Look)
 
 
 def _console() -> Console:

@@ -24,8 +24,12 @@ class OutputOptions:
     """Write an HTML report here."""
     json: bool = False
     """Print the result (JSON) on standard output, nothing else."""
+    verbose: Annotated[bool, Option(short="-v")] = False
+    """Show all: the checks that passed, the methods beside the result, transforms as matrices."""
     quiet: Annotated[bool, Option(short="-q")] = False
-    """Print nothing but errors."""
+    """Print nothing but warnings and errors."""
+    strict: bool = False
+    """Exit status 1 where anything warns, as for a refused result; files are written all the same."""
     force: bool = False
     """Replace existing output files."""
     debug: bool = False
@@ -39,8 +43,13 @@ class OutputOptions:
 
 def output_fields(entry: Entry) -> tuple[Field, ...]:
     """The options of OutputOptions that a command has."""
-    files = {"out", "report", "json"}
-    return tuple(f for f in spread(OutputOptions) if f.name not in files or f.name in entry.outputs)
+    some = {"out", "report", "json", *_JUDGED}
+    has = {*entry.outputs, *(_JUDGED if entry.judged else ())}
+    return tuple(f for f in spread(OutputOptions) if f.name not in some or f.name in has)
+
+
+_JUDGED = ("verbose", "strict")
+"""Options of commands whose answer has a verdict."""
 
 
 @dataclass(frozen=True)

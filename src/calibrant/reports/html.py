@@ -41,9 +41,8 @@ def report_page(result: CalibrationResult | Look, *, images: Mapping[str, str | 
     seen = look(result)
     parts = sections(seen, images={view: Path(file) for view, file in (images or {}).items()})
     page = result_head(seen.result, parts.blocks)
-    if parts.data is None:
-        return render(page)
-    return render(replace(page, data=parts.data, scripts=[asset("result.js"), asset("scene.js")]))
+    drawn = [asset("result.js"), asset("scene.js")] if parts.data is not None else []
+    return render(replace(page, data=parts.data, scripts=[*drawn, asset("copy.js")]))
 
 
 def result_head(result: CalibrationResult, blocks: Sequence[Block] = ()) -> Page:

@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from calibrant.reports.parts.blocks import Block, Page
 from calibrant.reports.parts.numbers import plain, sigma_text
-from calibrant.reports.words import STATUS_WORDS
+from calibrant.reports.words import FEW, STATUS_WORDS
 
 _PACKAGE = "calibrant.reports"
 _MARKS = {"ok": "✓", "warn": "!", "fail": "✕", "refused": "✕"}
@@ -42,5 +42,7 @@ def _environment() -> Environment:
     environment = Environment(
         loader=PackageLoader(_PACKAGE), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.globals.update(plain=plain, sigma_text=sigma_text, marks=_MARKS, status_words=STATUS_WORDS, drawn=drawn)
+    environment.globals.update(
+        plain=plain, sigma_text=sigma_text, marks=_MARKS, status_words=STATUS_WORDS, few=FEW, drawn=drawn
+    )
     return environment

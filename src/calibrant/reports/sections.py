@@ -17,6 +17,7 @@ from calibrant.reports.parts.blocks import Block
 from calibrant.reports.parts.figures import (
     is_point,
     listed_figures,
+    matrix_text,
     method_rows,
     quaternion_figures,
     translation_figures,
@@ -26,14 +27,11 @@ from calibrant.reports.parts.numbers import Figure, plain, sigma_text
 from calibrant.reports.parts.rows import view_rows
 from calibrant.reports.scene import scene
 from calibrant.reports.view_data import page_views
-from calibrant.reports.words import sorted_checks
+from calibrant.reports.words import OWN_OPTIONS, sorted_checks
 from calibrant.reports.workspace import workspace_blocks
 
 if TYPE_CHECKING:
     from calibrant.diagnose.look import CameraCoverage
-
-OWN_OPTIONS = {"pose_reading": "pose reading"}
-"""Decisions whose key is not their word."""
 
 
 @dataclass(frozen=True)
@@ -64,9 +62,11 @@ def sections(look: Look, *, images: Mapping[str, Path]) -> Sections:
     pages = page_views(result, look.residuals, look.loop, images=images)
     world = scene(look)
     rows = view_rows(result)
+    checks = Block("checks", {"checks": sorted_checks(result)}) if result.checks else None
+    # The answer first; of a result that is refused, why.
+    answered = (_figures(result), checks)
     blocks: list[Block | None] = [
-        Block("checks", {"checks": sorted_checks(result)}) if result.checks else None,
-        _figures(result),
+        *(answered if result.verdict != "refused" else reversed(answered)),
         *(table.block for table in kind.tables(result)),
         Block("workspace", {"workspaces": workspace_blocks(look)}) if look.workspaces else None,
         Block("methods", {"methods": method_rows(result)}) if result.methods else None,
@@ -128,6 +128,7 @@ def _transform_block(estimate: TransformEstimate) -> dict[str, Any]:
         "name": f"T_{estimate.parent}_{estimate.child}",
         "parent": estimate.parent,
         "groups": groups,
+        "matrix": "" if is_point(estimate) else matrix_text(estimate.matrix),
         "turns": None if turns is None else ", ".join(sigma_text(float(s)) for s in turns),
     }
 

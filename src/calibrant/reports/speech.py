@@ -35,13 +35,15 @@ def brief(result: CalibrationResult) -> str:
 
 
 def summary(result: CalibrationResult) -> str:
-    """What the terminal shows, as plain text."""
+    """What the terminal shows, all that it can fold unfolded, as plain text."""
     from rich.console import Console
 
     from calibrant.reports.terminal import summary as shown
 
     text = StringIO()
-    Console(file=text, width=WIDTH, color_system=None, force_terminal=False, legacy_windows=False).print(shown(result))
+    Console(file=text, width=WIDTH, color_system=None, force_terminal=False, legacy_windows=False).print(
+        shown(result, verbose=True)
+    )
     return "\n".join(line.rstrip() for line in text.getvalue().splitlines())
 
 

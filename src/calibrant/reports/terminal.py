@@ -1,12 +1,14 @@
-"""The summary of a result for a terminal: plain text first, colour only as a help.
+"""The summary of a result for a terminal: the answer first, plain text, colour only as a help.
 
-Every table fits 80 columns and uses the width there is; a status is always a word. Rich drops the colours by itself
-when the output is not a terminal.
+What a person acts on is shown: where things are, how well that is known, what was left out, what warns. What passed
+and what the methods give beside it is folded into a line, and shown when asked for. Every table fits 80 columns and
+uses the width there is; a status is always a word. Rich drops the colours by itself when the output is not a terminal.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import zip_longest
 from typing import Literal
 
 from rich.columns import Columns
@@ -15,7 +17,8 @@ from rich.table import Table
 from rich.text import Text
 
 from calibrant.cameras import Camera
-from calibrant.data import DEFAULT_CAMERA, CalibrationResult, TransformEstimate
+from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Check, TransformEstimate
+from calibrant.diagnose.budget.workspace import is_workspace_check
 from calibrant.diagnose.look import Look, look
 from calibrant.diagnose.loop import LoopView, by_view
 from calibrant.reports.kinds.registry import kind_of
@@ -24,6 +27,7 @@ from calibrant.reports.parts.figures import (
     Fact,
     is_point,
     listed_figures,
+    matrix_text,
     method_rows,
     quaternion_figures,
     translation_figures,
@@ -31,7 +35,15 @@ from calibrant.reports.parts.figures import (
 )
 from calibrant.reports.parts.numbers import Figure, plain, sigma_text
 from calibrant.reports.parts.rows import ViewRow, view_rows
-from calibrant.reports.words import STATUS_WORDS, VERDICT_WORDS, sorted_checks, title, verdict_sentence
+from calibrant.reports.words import (
+    FEW,
+    OWN_OPTIONS,
+    STATUS_WORDS,
+    VERDICT_WORDS,
+    sorted_checks,
+    title,
+    verdict_sentence,
+)
 
 _STATUS_STYLES = {"ok": "green", "warn": "yellow", "fail": "bold red"}
 _VERDICT_STYLES = {"ok": "bold green", "warn": "bold yellow", "refused": "bold red"}
@@ -41,10 +53,11 @@ _ALL_VIEWS_UP_TO = 40
 _WORST_SHOWN = 5
 
 
-def summary(at: CalibrationResult | Look) -> RenderableType:
-    """What a person wants to know after a calibration, the verdict last, where the eye is.
+def summary(at: CalibrationResult | Look, *, verbose: bool = False) -> RenderableType:
+    """What a person wants to know after a calibration: the answer first, the verdict last, where the eye is.
 
     Args: at, a result of any kind, or a look at one that serves others too; parts it does not have are left out.
+    verbose: with the methods beside it, the checks that passed, and transforms as matrices.
     Returns: a rich renderable.
     """
     seen = look(at)
@@ -53,19 +66,22 @@ def summary(at: CalibrationResult | Look) -> RenderableType:
         return Group(*kind.terminal(result))
     parts: list[RenderableType] = [_headed(title(result))]
     if result.transforms:
-        parts.append(Columns([_transform_table(t) for t in result.transforms], padding=(0, 3)))
+        parts.append(Columns([_transform_table(t, matrix=verbose) for t in result.transforms], padding=(0, 3)))
     parts += [_camera_table(name, camera) for name, camera in result.cameras.items()]
     parts += [text_table(table) for table in kind.tables(result)]
     facts = kind.facts(result)
     if facts:
         parts.append(_facts_table(facts))
-    if result.methods:
+    if result.methods and verbose:
         parts.append(_methods_table(result))
     rows = view_rows(result)
     if rows:
         parts.append(_views(rows, by_view(seen.loop), name=kind.rows))
+    if result.decided:
+        decided = "; ".join(f"{OWN_OPTIONS.get(name, name)}: {words}" for name, words in result.decided.items())
+        parts.append(_headed("Decided", Text(decided)))
     if result.checks:
-        parts.append(_checks_table(result))
+        parts.append(_checks(sorted_checks(result), verbose=verbose))
     return Group(*parts, _verdict(result))
 
 
@@ -108,25 +124,29 @@ def _camera_table(name: str, camera: Camera) -> RenderableType:
     return _headed(f"Camera{label}: {camera.model.name}, {width} × {height} px", table, *more)
 
 
-def _transform_table(estimate: TransformEstimate) -> RenderableType:
+def _transform_table(estimate: TransformEstimate, *, matrix: bool) -> RenderableType:
+    """Position and turn side by side, as few lines as they can have. matrix: with the 4x4 below."""
     heading = f"{estimate.parent} → {estimate.child} (T_{estimate.parent}_{estimate.child})"
     table = _table()
-    table.add_column("")
-    table.add_column("value", justify="right", no_wrap=True)
-    table.add_column("± 1σ", justify="right", no_wrap=True)
-    table.add_column("unit")
-    groups: tuple[list[Figure], ...] = (translation_figures(estimate),)
-    if not is_point(estimate):
-        groups += (yaw_pitch_roll_figures(estimate), quaternion_figures(estimate))
-    for figures in groups:
-        for figure in figures:
-            unit = "" if figure.unit == "1" else figure.unit
-            table.add_row(figure.name, figure.value_text, figure.sigma_text(), unit)
-    turns = estimate.sigma_rotation_deg
-    if turns is None or is_point(estimate):
+    for name, justify in (("", "left"), ("value", "right"), ("± 1σ", "right"), ("unit", "left")) * 2:
+        table.add_column(name, justify=justify, no_wrap=True)  # type: ignore[arg-type]
+    turn = [] if is_point(estimate) else yaw_pitch_roll_figures(estimate)
+    for pair in zip_longest(translation_figures(estimate), turn):
+        table.add_row(*(cell for figure in pair if figure is not None for cell in _figure_cells(figure)))
+    if is_point(estimate):
         return _headed(heading, table)
-    about = ", ".join(sigma_text(float(s)) for s in turns)
-    return _headed(heading, table, Text(f"rotation 1σ about {estimate.parent} x, y, z: {about} deg", style="dim"))
+    quaternion = ", ".join(figure.value_text for figure in quaternion_figures(estimate))
+    below = [f"quaternion x, y, z, w: {quaternion}"]
+    if (turns := estimate.sigma_rotation_deg) is not None:
+        about = ", ".join(sigma_text(float(s)) for s in turns)
+        below.append(f"rotation 1σ about {estimate.parent} x, y, z: {about} deg")
+    if matrix:
+        below.append(f"matrix, metres:\n{matrix_text(estimate.matrix)}")
+    return _headed(heading, table, *(Text(line, style="dim") for line in below))
+
+
+def _figure_cells(figure: Figure) -> tuple[str, str, str, str]:
+    return figure.name, figure.value_text, figure.sigma_text(), "" if figure.unit == "1" else figure.unit
 
 
 def _facts_table(facts: list[Fact]) -> RenderableType:
@@ -195,15 +215,21 @@ def _worth_a_look(rows: list[ViewRow], loop: Mapping[tuple[str, str], LoopView])
     return [row for row in rows if row.reason or row in worst]
 
 
-def _checks_table(result: CalibrationResult) -> RenderableType:
+def _checks(checks: Sequence[Check], *, verbose: bool) -> RenderableType:
+    """The checks, the worst first; many that passed in one line, but for answers that were asked for."""
+    every = verbose or sum(c.status == "ok" for c in checks) <= FEW
+    shown = [c for c in checks if every or c.status != "ok" or is_workspace_check(c)]
+    passed = len(checks) - len(shown)
     table = _table(header=False)
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold", max_width=24)
     table.add_column("", overflow="fold")
-    for check in sorted_checks(result):
+    for check in shown:
         status = Text(STATUS_WORDS[check.status], style=_STATUS_STYLES[check.status])
         table.add_row(status, Text(check.name), Text(check.message))
-    return _headed("Checks", table)
+    words = f"{passed} {'more ' if shown else ''}check{'s' * (passed > 1)} passed; --verbose or the report shows them"
+    folded = [Text(words, style="dim")] if passed else []
+    return _headed("Checks", *([table] if shown else []), *folded)
 
 
 def _verdict(result: CalibrationResult) -> Text:

@@ -41,8 +41,9 @@ class Outcome:
     result: the reviewed result; None for tasks that only make documents. answer: what stands in its place.
     documents: what was asked for by name, written by whoever called the task, all or none of them.
     beside: documents that accompany the result file, where one is written; their paths are file names alone.
-    summary, page: a terminal's words (a Rich renderable or text) and an HTML page, where they are not those that every
-    result has. refusal: raised when all is shown and written: the task did its work, and its answer is no.
+    summary, page: a terminal's words (Rich renderables, texts, and results, which are told as every result is; a tuple
+    of several in their order) and an HTML page, where they are not those that every result has.
+    refusal: raised when all is shown and written: the task did its work, and its answer is no.
     """
 
     result: CalibrationResult | None = None

@@ -26,12 +26,14 @@ class Task(Protocol):
 @dataclass(frozen=True)
 class Entry:
     """module: where the task is; words: one line for lists; outputs: the files that every result can go to, of "out",
-    "report" and "json"; out: what --out is, where it is no result file."""
+    "report" and "json"; out: what --out is, where it is no result file; judged: whether the answer is a result with a
+    verdict."""
 
     module: str
     words: str
     outputs: tuple[str, ...] = ("out", "report", "json")
     out: str = "Write the result file (JSON) here."
+    judged: bool = True
 
     def load(self) -> Task:
         """The task's module."""
@@ -41,18 +43,25 @@ class Entry:
 TASKS = {
     "demo": Entry("demo.chain", "The whole chain on a simulated robot cell.", ("json",)),
     "capture": Entry("boards.capture", "Take views from a running camera until it is known."),
-    "target": Entry("boards.target", "Print a board at true size.", ()),
+    "target": Entry("boards.target", "Print a board at true size.", (), judged=False),
     "detect": Entry(
-        "boards.detect", "Find a board in photos.", ("out", "json"), "Write the observations file (JSON) here."
+        "boards.detect",
+        "Find a board in photos.",
+        ("out", "json"),
+        "Write the observations file (JSON) here.",
+        judged=False,
     ),
     "intrinsics": Entry("cameras.intrinsics", "Calibrate a camera from photos of a board."),
     "hand-eye": Entry("robots.hand_eye", "Find where the camera is, on a robot or beside it."),
     "doctor": Entry("robots.doctor", "Find what is wrong with hand-eye data, and repair it."),
     "pose": Entry("cameras.pose", "Find where a target is, from photos."),
     "vanishing": Entry("cameras.vanishing", "Find how a camera is turned, from a scene's edges."),
-    "undistort": Entry("cameras.undistort", "Undistort photos.", ("json",)),
+    "undistort": Entry("cameras.undistort", "Undistort photos.", ("json",), judged=False),
     "study methods": Entry(
-        "studies.methods", "Compare all ways to calibrate a camera.", out="Write every figure (JSON) here."
+        "studies.methods",
+        "Compare all ways to calibrate a camera.",
+        out="Write every figure (JSON) here.",
+        judged=False,
     ),
     "report": Entry("results.report", "Show a result file, or make its HTML report.", ()),
     "kinematics": Entry("robots.kinematics", "Identify and correct a robot's geometry.", ("report", "json")),

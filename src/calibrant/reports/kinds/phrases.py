@@ -18,22 +18,22 @@ def first_transform(result: CalibrationResult) -> str:
 
 
 def known(transforms: Iterable[TransformEstimate]) -> str:
-    """How well transforms are known, in one sentence; empty where none states it."""
-    texts = [text for text in map(_known_to, transforms) if text]
+    """Where transforms place things and how well that is known, in one sentence; empty where none states it."""
+    asked = tuple(transforms)
+    texts = [text for text in (_known_to(t, placed=len(asked) == 1) for t in asked) if text]
     return f"{', '.join(texts)} (1σ, worst axis)." if texts else ""
 
 
-def _known_to(estimate: TransformEstimate) -> str:
-    sigmas = [f.sigma for f in translation_figures(estimate) if f.sigma is not None]
+def _known_to(estimate: TransformEstimate, *, placed: bool) -> str:
+    """placed: whether where it is is said too: of several the tables say it."""
+    position = translation_figures(estimate)
+    sigmas = [f.sigma for f in position if f.sigma is not None]
     turns = estimate.sigma_rotation_deg
     if not sigmas or turns is None:
         return ""
-    if is_point(estimate):
-        return f"{estimate.parent} → {estimate.child} is known to {sigma_text(max(sigmas))} mm"
-    return (
-        f"{estimate.parent} → {estimate.child} is known to {sigma_text(max(sigmas))} mm and "
-        f"{sigma_text(float(turns.max()))} deg"
-    )
+    at = f"at ({', '.join(f.value_text for f in position)}) mm, " if placed else ""
+    text = f"{estimate.parent} → {estimate.child} is {at}known to {sigma_text(max(sigmas))} mm"
+    return text if is_point(estimate) else f"{text} and {sigma_text(float(turns.max()))} deg"
 
 
 def focal_known(result: CalibrationResult) -> str:

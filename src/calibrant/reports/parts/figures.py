@@ -73,6 +73,12 @@ def translation_figures(estimate: TransformEstimate) -> list[Figure]:
     return [Figure(n, float(t[i]), None if sigma is None else float(sigma[i]), "mm") for i, n in enumerate("xyz")]
 
 
+def matrix_text(matrix: Array) -> str:
+    """The 4x4, metres, as Python and JSON read it, one row a line."""
+    rows = (", ".join(f"{v + 0.0:.7f}" for v in np.round(row, 7)) for row in matrix)
+    return "[" + ",\n ".join(f"[{row}]" for row in rows) + "]"
+
+
 def is_point(estimate: TransformEstimate) -> bool:
     """Whether only the child's place is meant, as with a tool's tip: no turn, exactly, and none that is uncertain."""
     C = estimate.covariance

@@ -199,12 +199,11 @@ def result_json(outcome: Demo) -> dict[str, Any]:
     return {**encode(at.hand_eye), "truth": truth}
 
 
-def _said(done: Demo, folder: Path) -> RenderableType:
+def _said(done: Demo, folder: Path) -> tuple[CalibrationResult, RenderableType]:
     """Summary of the result, the comparison, the inputs' places, and the command that repeats the calibration."""
     from rich.console import Group
     from rich.text import Text
 
-    from calibrant.reports.terminal import summary
     from calibrant.tasks.demo.comparison import comparison
 
     cell = done.compared.cell
@@ -212,8 +211,7 @@ def _said(done: Demo, folder: Path) -> RenderableType:
     options = {"images": done.images, "poses": done.poses, "target": cell.target.spec, "setup": cell.setup}
     command = "calibrant hand-eye " + " \\\n      ".join(f"--{name} {value}" for name, value in options.items())
     repeat = Text(f"\nThe same from the files alone:\n  {command}", overflow="fold")
-    return Group(
-        summary(done.compared.hand_eye),
+    return done.compared.hand_eye, Group(
         Text(),
         comparison(done.compared),
         Text(f"images       {done.images}\nrobot poses  {done.poses}"),

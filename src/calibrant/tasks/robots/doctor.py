@@ -23,8 +23,6 @@ from calibrant.tasks.robots import hand_eye_list
 from calibrant.tasks.robots.hand_eye_list import ListRequest, PairedData
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
-
     from calibrant.data import CalibrationResult, RobotPoses
     from calibrant.diagnose.doctor.diagnosis import Diagnosis
     from calibrant.diagnose.look import Look
@@ -88,12 +86,12 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
         with listener.status("Calibrating from the repaired data …"):
             result = _repaired(diagnosis, data, asked)
     except RefusedError as error:
-        return Outcome(summary=partial(_words, seen), refusal=error)
+        return Outcome(summary=lambda: seen, refusal=error)
     documents = []
     if request.repaired_poses is not None:
         documents.append(Document(request.repaired_poses, csv_text(diagnosis.repaired.poses).encode()))
     # The page shows what was found, also where it was repaired.
-    return Outcome(result=result, documents=documents, summary=partial(_words, seen, result), page=partial(_page, seen))
+    return Outcome(result=result, documents=documents, summary=lambda: (seen, "", result), page=partial(_page, seen))
 
 
 def _list_request(request: Request, listener: Listener) -> ListRequest:
@@ -142,15 +140,6 @@ def _repaired(diagnosis: Diagnosis, data: PairedData, request: ListRequest) -> C
     inputs = session.file_records(data.files)
     complete = replace(result, checks=checks, verdict=verdict_of(checks), decided=decided, inputs=inputs)
     return complete.with_detail(faults(diagnosis.findings))
-
-
-def _words(*shown: CalibrationResult | Look) -> RenderableType:
-    """What was found, and the calibration from the repaired data where there is one."""
-    from rich.console import Group
-
-    from calibrant.reports.terminal import summary
-
-    return Group(*map(summary, shown))
 
 
 def _page(seen: Look) -> str:

@@ -26,3 +26,18 @@ def test_a_wrist_alone(shared_case: Callable[[str], Path]) -> None:
     folder = shared_case("15-wrist")
     found = camera_mm([folder / "wr_robot.csv"], [folder / "wr_cam.csv"], "eye-in-hand")
     assert found == pytest.approx([50, 20, 100], abs=0.5)  # four sigma of 0.13 mm
+
+
+def test_a_camera_track_in_the_frame_of_its_first_pose(shared_case: Callable[[str], Path]) -> None:
+    """Visual odometry on an arm that works above its base; the truth is (50, 20, 100) mm."""
+    folder = shared_case("14-odometry")
+    for setup in ("eye-in-hand", "auto"):
+        found = camera_mm([folder / "vo2_robot.csv"], [folder / "vo2_cam.csv"], setup)
+        assert found == pytest.approx([50, 20, 100], abs=0.4)  # four sigma of 0.09 mm
+
+
+@pytest.mark.parametrize(("setup", "truth"), [("eye-to-hand", [1350, -300, 700]), ("eye-in-hand", [30, 20, 60])])
+def test_camera_frames_that_are_not_optical(shared_case: Callable[[str], Path], setup: str, truth: list[float]) -> None:
+    """Exact pairs, the camera's x ahead, the marker's z out of its face."""
+    found = camera_mm([shared_case("03-not-optical-frames") / f"min2_{setup}.json"], None, setup)
+    assert found == pytest.approx(truth, abs=1e-6)

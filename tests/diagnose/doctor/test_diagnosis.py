@@ -75,10 +75,41 @@ def test_a_target_that_moved_halfway_does_not_hide_the_reading(tmp_path: Path) -
 def test_inverted_target_poses_by_where_the_target_would_be(tmp_path: Path, setup: str) -> None:
     scene = hand_eye_scene("good", setup=setup)  # type: ignore[arg-type]
     T, B = scene.robot_poses.T_base_gripper, scene.measured_T_camera_target
-    found = diagnose_poses(written(tmp_path, T), se3.inverse(B))
+    found = diagnose_poses(written(tmp_path, T), se3.inverse(B), setup=setup)  # type: ignore[arg-type]
     assert names(found) == ["target-pose-direction"]
     np.testing.assert_allclose(found.repaired.B, B, atol=1e-9)
     assert found.poses.setup == setup
+    # Where nobody said the setup, the camera's frame may as well be one that is not optical: a person is asked.
+    found = diagnose_poses(written(tmp_path, T), se3.inverse(B))
+    assert names(found) == ["target-pose-direction"]
+    assert not found.findings[0].proposal
+    assert "--setup" in found.findings[0].message
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+@pytest.mark.parametrize(("axis", "name"), [([[0, -1, 0], [0, 0, -1], [1, 0, 0]], "+x"), (np.diag([1, -1, -1]), "-z")])
+def test_a_camera_frame_that_is_not_optical_is_kept(tmp_path: Path, setup: str, axis: Array, name: str) -> None:
+    """ROS body and OpenGL: T_other_optical, the same target in another frame of the camera."""
+    scene = hand_eye_scene("good", setup=setup)  # type: ignore[arg-type]
+    T_other_optical = se3.make(np.asarray(axis, dtype=float).T, np.zeros(3))
+    B = T_other_optical @ scene.measured_T_camera_target
+    found = diagnose_poses(written(tmp_path, scene.robot_poses.T_base_gripper), B, setup=setup)  # type: ignore[arg-type]
+    assert "target-pose-direction" not in names(found)
+    np.testing.assert_allclose(found.repaired.B, B, atol=1e-9)
+    assert f"looks along {name} of its own frame" in found.named("camera-frame")[0].message
+
+
+def test_a_track_is_read_as_it_is_and_asked_about_where_the_setup_turns(tmp_path: Path) -> None:
+    scene = hand_eye_scene("good")
+    track = scene.measured_T_camera_target @ se3.inverse(scene.measured_T_camera_target[0])
+    poses = written(tmp_path, scene.robot_poses.T_base_gripper)
+    assert names(diagnose_poses(poses, track)) == []
+    asked = diagnose_poses(poses, se3.inverse(track))  # T_map_camera, as odometry gives it: eye-to-hand by the loop
+    assert names(asked) == ["target-pose-direction"]
+    assert not asked.findings[0].proposal
+    said = diagnose_poses(poses, se3.inverse(track), setup="eye-in-hand")
+    assert names(said) == ["target-pose-direction"]
+    np.testing.assert_allclose(said.repaired.B, track, atol=1e-9)
 
 
 def test_degenerate_motions_are_refused_by_name(tmp_path: Path) -> None:

@@ -60,15 +60,18 @@ class Diagnosis:
         return self.numbering.observations(observations, self.examination.case.data.ids)
 
 
-def diagnose_poses(complete: Sequence[PoseNotation], T_camera_target: Array, *, setup: Asked = "auto") -> Diagnosis:
+def diagnose_poses(
+    complete: Sequence[PoseNotation], T_camera_target: Array, *, setup: Asked = "auto", direction_said: bool = False
+) -> Diagnosis:
     """Diagnose n robot poses and n target poses (n, 4, 4), metres, that belong together row by row.
 
-    Args: complete, notations of the robot poses, the most believable first (formats.poses.notations).
+    Args: complete, notations of the robot poses, the most believable first (formats.poses.notations); direction_said,
+    that they are T_camera_target is known, so that nobody is asked.
     Raises: RefusedError naming degenerate motions, or two notations that fit equally well.
     """
     B = se3.check(T_camera_target, name="T_camera_target")
     rows = np.arange(len(B))
-    poses = decide_poses(complete, B, rows, setup=setup, measured=True)
+    poses = decide_poses(complete, B, rows, setup=setup, measured=not direction_said)
     times = times_of(complete[0])
     case = case_of_poses(poses.notation.poses, B, setup=poses.setup, times=times)
     if poses.inverted_targets:

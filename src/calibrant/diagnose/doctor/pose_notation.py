@@ -1,15 +1,18 @@
 """How the poses are written, where the camera is, and in which order they stand: what must be known before all else.
 
 `diagnose.conventions` decides among notations by the loop. Where no notation closes it, the poses may stand in another
-order, or the target poses may be inverted: then these are tried with every notation. Where still nothing closes it, up
-to half of the views may be wrong: the notation is taken that closes the loop for the larger half, and the search for
-faults says what is wrong with the rest.
+order, or, in the setup that was said, the target poses may be inverted: then these are tried with every notation.
+Where still nothing closes it, up to half of the views may be wrong: the notation is taken that closes the loop for the
+larger half, and the search for faults says what is wrong with the rest.
+
+Target poses that are inverted close the loop in the other setup. Where the setup was said, the loop decides; where it
+was not and the poses are not those of a target in front of a camera, a person is asked.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -20,11 +23,11 @@ from calibrant.calibrate.solvers.loop_errors import loop_consistency
 from calibrant.cancel import checkpoint
 from calibrant.data import Check
 from calibrant.diagnose.conventions.decide import ConventionDecision, decide
-from calibrant.diagnose.conventions.hypotheses import CONSISTENT, Alternative, Setup
+from calibrant.diagnose.conventions.hypotheses import CONSISTENT, SETUPS, Alternative, Setup
 from calibrant.diagnose.doctor.evidence.finding import Finding
 from calibrant.diagnose.doctor.evidence.loop import Evidence, Loop
 from calibrant.diagnose.doctor.evidence.significance import confidence
-from calibrant.diagnose.doctor.faults.exchanged import look_inverted
+from calibrant.diagnose.doctor.evidence.target_frame import is_track, look_inverted, other_axis
 from calibrant.diagnose.doctor.faults.pairing import Order, congruent_orders
 from calibrant.errors import RefusedError
 from calibrant.formats.poses.notations import PoseNotation
@@ -63,15 +66,18 @@ def decide_poses(
     """Decide how n poses are to be read from m target poses.
 
     Args: complete, notations of all n poses, in the order of the images; B (m, 4, 4) = T_camera_target of the rows
-    `rows`; measured, the target poses were measured elsewhere, so that they may be inverted.
+    `rows`; measured, the target poses were measured elsewhere, in a direction that was not said.
     Raises: RefusedError when the motions determine nothing, or two notations fit equally well.
     """
-    inverted = measured and look_inverted(complete[0].T_base_gripper, B)
-    if inverted:
-        B = se3.inverse(B)
     plain = _decided(complete, B, rows, None, setup)
     if plain.ok:
-        return _decision(plain, complete, None, inverted=inverted)
+        return _noted(_decision(plain, complete, None), B, asked=measured and setup == "auto")
+    if measured:
+        plain = _with_target_direction(plain)
+    if measured and setup != "auto" and (is_track(B) or look_inverted(complete[0].T_base_gripper, B)):
+        turned = _decided(complete, se3.inverse(B), rows, None, setup)
+        if turned.ok:
+            return _inverted(_decision(turned, complete, None))
     trials = []
     for order in _orders(complete, B, rows):
         checkpoint()
@@ -83,8 +89,8 @@ def decide_poses(
             trials.append((decision, order))
     if trials:
         decision, order = min(trials, key=lambda t: _alternative_misfit(_chosen(t[0])))
-        return _decision(decision, complete, order, inverted=inverted)
-    return _by_halves(plain, complete, B, setup, inverted=inverted)
+        return _decision(decision, complete, order)
+    return _by_halves(plain, complete, B, setup)
 
 
 def _decided(
@@ -123,8 +129,6 @@ def _by_halves(
     complete: Sequence[PoseNotation],
     B: Array,
     setup: Setup | Literal["auto"],
-    *,
-    inverted: bool,
 ) -> PoseDecision:
     """The notation that closes the loop for the larger half of the views."""
     distinct: dict[tuple[float, float], Alternative] = {}
@@ -140,7 +144,7 @@ def _by_halves(
         if best is None or value < best[0]:
             best = value, a, closes
     if best is None or not best[2]:
-        return _decision(plain, complete, None, inverted=inverted)
+        return _decision(plain, complete, None)
     a = best[1]
     chosen = ConventionDecision(
         a.notation,
@@ -150,15 +154,22 @@ def _by_halves(
         plain.alternatives,
         tuple(f for f in plain.findings if f.name != "no-reading-fits"),
     )
-    return _decision(chosen, complete, None, inverted=inverted)
+    return _decision(chosen, complete, None)
+
+
+def _with_target_direction(decision: ConventionDecision) -> ConventionDecision:
+    """Measured target poses that are inverted close the loop in the other setup as well: then that is a way out too."""
+    more = ", or --target-pose-direction target-camera if the target poses are T_target_camera"
+    findings = [
+        replace(f, message=f"{f.message}{more}") if f.name == "setup-mismatch" else f for f in decision.findings
+    ]
+    return replace(decision, findings=tuple(findings))
 
 
 def _decision(
     decision: ConventionDecision,
     complete: Sequence[PoseNotation],
     order: Order | None,
-    *,
-    inverted: bool,
 ) -> PoseDecision:
     """The decision about all poses, with the findings in words."""
     r = decision.notation
@@ -168,14 +179,46 @@ def _decision(
     if order is not None:
         findings.insert(0, _order_finding(order, decision))
         full = full.take(order.rows.tolist(), full.ids)
-    if inverted:
+    return PoseDecision(decision, full, decision.setup, order, False, decision.ok, tuple(findings))
+
+
+def _inverted(found: PoseDecision) -> PoseDecision:
+    """The decision with inverted target poses, which close the loop in the setup that was said."""
+    message = (
+        "the target poses are inverted, T_target_camera where T_camera_target is documented: inverted, the loop closes "
+        f"to {_chosen(found.decision).loop_text} as {found.setup}, as they stand it does not"
+    )
+    proposal = "invert the target poses (--target-pose-direction target-camera)"
+    finding = Finding("target-pose-direction", "fail", message, found.decision.confidence, proposal=proposal)
+    return replace(found, inverted_targets=True, findings=(finding, *found.findings))
+
+
+def _noted(found: PoseDecision, B: Array, *, asked: bool) -> PoseDecision:
+    """The decision with what the target poses do not tell of their own frames; asked: nor was the setup said."""
+    other = next(s for s in SETUPS if s != found.setup)
+    way_out = "the loop closes either way: say --setup, or --target-pose-direction camera-target or target-camera"
+    axis = other_axis(B)
+    if asked and look_inverted(found.notation.T_base_gripper, B):
         message = (
-            "the target poses are inverted, T_target_camera where T_camera_target is documented: as they stand, the "
-            "target is not in front of the camera; the loop closes either way, in the other setup"
+            f"the targets are not ahead of the camera (z), inverted they are. Either the poses are T_target_camera, "
+            f"which makes it {other}, or the camera's frame has {axis or 'another axis'} ahead, which makes it "
+            f"{found.setup}; {way_out}"
         )
-        proposal = "invert the target poses"
-        findings.insert(0, Finding("target-pose-direction", "fail", message, decision.confidence, proposal=proposal))
-    return PoseDecision(decision, full, decision.setup, order, inverted, decision.ok, tuple(findings))
+    elif asked and is_track(B) and found.setup == "eye-to-hand":
+        message = (
+            "the target poses are a track in the frame of one of its own poses, as odometry and SLAM give it. Either "
+            f"they are T_target_camera (a moving camera in its map), which makes it {other}, or T_camera_target, which "
+            f"makes it {found.setup}; {way_out}"
+        )
+    else:
+        if axis is None:
+            return found
+        message = (
+            f"the camera looks along {axis} of its own frame, not along z: the frame of the poses is kept, and the "
+            "camera's transform is that of this frame"
+        )
+        return replace(found, findings=(*found.findings, Finding("camera-frame", "ok", message)))
+    return replace(found, findings=(Finding("target-pose-direction", "fail", message), *found.findings))
 
 
 def _conventions(decision: ConventionDecision, first: PoseNotation) -> list[Finding]:

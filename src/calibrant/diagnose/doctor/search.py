@@ -34,7 +34,6 @@ from calibrant.diagnose.doctor.faults import (
 Examine = Callable[[Case], list[Finding]]
 
 EXPLAINING: tuple[Examine, ...] = (
-    exchanged.examine,
     pairing.examine,
     boards.examine,
     swapped.examine,
@@ -45,7 +44,7 @@ EXPLAINING: tuple[Examine, ...] = (
 """Faults whose repair makes the data agree. A new fault is one file and one line here."""
 ONCE: tuple[Examine, ...] = (intrinsics.examine,)
 """Faults of the images that are looked for once, before the loop is judged."""
-REMARKS: tuple[Examine, ...] = (markers.examine,)
+REMARKS: tuple[Examine, ...] = (exchanged.examine, markers.examine)
 """Faults that do not touch the loop."""
 MOST_ROUNDS = 12
 """Repairs one after the other; data with more faults than this are not worth repairing."""

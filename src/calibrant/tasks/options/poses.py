@@ -9,8 +9,13 @@ from typing import TYPE_CHECKING, Annotated
 from calibrant.tasks.options.option import Option
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from calibrant.formats.poses.read import RawPoses
     from calibrant.tasks.options.robots import RobotOptions
+
+DIRECTIONS = ("auto", "camera-target", "target-camera")
+"""Of target poses."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,3 +63,21 @@ class TargetPoseOptions:
     """Poses of the target in the camera, instead of photos."""
     target_pose_rotation: Annotated[str, Option("FORM")] = "auto"
     """How the rotations of --target-poses are written, where the data cannot tell: as --pose-rotation."""
+    target_pose_direction: Annotated[str, Option("NAME")] = "auto"
+    """auto (camera-target, doubted where no camera could see it), camera-target (T_camera_target) or target-camera."""
+
+    def check(self) -> None:
+        """Raises: InputError for a direction that there is not."""
+        from calibrant.errors import InputError
+
+        if self.target_pose_direction not in DIRECTIONS:
+            raise InputError(
+                f"--target-pose-direction {self.target_pose_direction}: choose {', '.join(DIRECTIONS[:-1])} or "
+                f"{DIRECTIONS[-1]}"
+            )
+
+    def as_camera_target(self, T: NDArray) -> NDArray:
+        """T_camera_target of poses (n, 4, 4) in the direction that was said."""
+        from calibrant.geometry import se3
+
+        return se3.inverse(T) if self.target_pose_direction == "target-camera" else T

@@ -94,6 +94,7 @@ def read(request: ListRequest) -> PairedData:
     """Read, detect and pair. Raises: InputError as the parts do."""
     _check_setup(request.setup)
     _check_list(request)
+    request.measured.check()
     raw = request.form.read(request.poses, request.arm)
     return _with_images(request, raw) if request.of_photos else _with_target_poses(request, raw)
 
@@ -104,7 +105,8 @@ def diagnose(data: PairedData, request: ListRequest) -> Diagnosis:
 
     setup = request.setup
     if data.observations is None:
-        found = diagnose_poses(data.complete, data.T_camera_target, setup=setup)  # type: ignore[arg-type]
+        said = request.measured.target_pose_direction != "auto"
+        found = diagnose_poses(data.complete, data.T_camera_target, setup=setup, direction_said=said)  # type: ignore[arg-type]
         return found if data.target_reading is None else replace(found, findings=(*found.findings, data.target_reading))
     observations, camera = _seen(data, request)
     given = data.camera is not None
@@ -209,7 +211,7 @@ def _with_target_poses(request: ListRequest, raw: RawPoses) -> PairedData:
         complete,
         pairing,
         (*request.poses, *measured.target_poses),
-        T_camera_target=decided.notation.T_base_gripper,
+        T_camera_target=measured.as_camera_target(decided.notation.T_base_gripper),
         raw=raw,
         pose_index=tuple(pose_index),
         target_reading=decided.finding,

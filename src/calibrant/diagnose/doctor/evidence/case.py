@@ -156,10 +156,6 @@ class Case:
         data = replace(self.data, B=B, views=views)
         return replace(self, data=data, observations=self._observed(views), scale=self.scale * factor)
 
-    def exchanged(self) -> Case:
-        """Robot poses and target poses in each other's place."""
-        return replace(self, data=replace(self.data, T_base_gripper=self.data.B, B=self.data.T_base_gripper))
-
     def with_inverted_targets(self) -> Case:
         """Target poses given as T_target_camera."""
         return replace(self, data=replace(self.data, B=se3.inverse(self.data.B)))

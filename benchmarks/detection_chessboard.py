@@ -29,7 +29,7 @@ from calibrant.detection.pipeline import detect
 from calibrant.targets.chessboard import Chessboard
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tests" / "detect"))
+sys.path.insert(0, str(ROOT / "tests" / "detection"))
 
 from chessboard_pictures import Lens, Pose, facing, picture  # noqa: E402
 

@@ -7,7 +7,7 @@ the next round, so the board is followed into parts whose markers cannot be read
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +39,14 @@ ATTEMPTS = 3
 SHARPENING_PX = 1.5
 # What a corner is worth that only the rough refinement could place.
 ROUGH_SIGMA_PX = 0.5
+# Such a corner lies no further from where its neighbours put it than all but one in a thousand do, by both sigmas: the
+# root of chi-square's quantile for two coordinates.
+ROUGH_DEVIATIONS = 3.72
+# Its neighbours' own distance from their predictions, of these many, is what the lens adds.
+NEAREST = 4
 HALF_WINDOWS_PX = (2, 10)
+# Windows grow further where the prediction is not sure: to this many of its sigmas.
+WINDOW_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +136,9 @@ def corners_at(grey: Grey, target: Charuco, known: Corners, maps: LocalMaps, how
 def _sharpened(grey: Grey, corners: Corners, target: Charuco, per_square: Array, how: Refinement) -> Corners:
     """Corners refined to their full accuracy, each with its own sigma.
 
-    Where the model of two blurred edges does not fit (a moving board), the rough corner stays, with a large sigma.
+    A corner whose fit fails is fitted once more from where its neighbours put it: it may have been found before these
+    were. Where the model of two blurred edges does not fit (a moving board), the rough corner stays, with a large
+    sigma, unless its neighbours say that it is elsewhere.
     Args: per_square (n, 2, 2): as `LocalMaps.px_per_square`.
     """
     if len(corners) == 0:
@@ -138,18 +147,61 @@ def _sharpened(grey: Grey, corners: Corners, target: Charuco, per_square: Array,
     gap = 0.5 * (1.0 - target.marker / target.square)
     steps = np.swapaxes(per_square, 1, 2).reshape(-1, 4)
     dark = ~_light_at_top_left(target, corners.index)
-    refined = refine(grey, corners.uv, steps, dark, how=how, most=gap)
-    moved = np.linalg.norm(refined.uv - corners.uv, axis=1)
-    fits = refined.converged & (moved < SHARPENING_PX) & (refined.sigma_px < ROUGH_SIGMA_PX)
-    uv = np.where(fits[:, None], refined.uv, corners.uv)
-    return Corners(corners.index, uv, np.where(fits, refined.sigma_px, ROUGH_SIGMA_PX))
+
+    def fitted(start: Array, which: NDArray[np.bool_]) -> tuple[Array, Array, NDArray[np.bool_]]:
+        refined = refine(grey, start, steps[which], dark[which], how=how, most=gap)
+        moved = np.linalg.norm(refined.uv - start, axis=1)
+        fits = refined.converged & (moved < SHARPENING_PX) & (refined.sigma_px < ROUGH_SIGMA_PX)
+        return refined.uv, refined.sigma_px, fits
+
+    uv, sigma, fits = fitted(corners.uv, np.ones(len(corners), dtype=bool))
+    uv, sigma = np.where(fits[:, None], uv, corners.uv), np.where(fits, sigma, ROUGH_SIGMA_PX)
+    if fits.all() or not fits.any():
+        return Corners(corners.index, uv, sigma)
+    place = target.points[corners.index, :2] / target.square
+    maps = _maps_of(place, Corners(corners.index, uv, sigma).subset(fits), target)
+    again = ~fits & maps.determined & _inside(maps.centres, grey.shape)
+    second_uv, second_sigma, second_fits = fitted(maps.centres[again], again)
+    index = np.flatnonzero(again)[second_fits]
+    uv[index], sigma[index], fits[index] = second_uv[second_fits], second_sigma[second_fits], True
+    return _without_strays(Corners(corners.index, uv, sigma), fits, target)
+
+
+def _maps_of(places: Array, corners: Corners, target: Charuco) -> LocalMaps:
+    """The maps around places (n, 2), squares, that corners give; no corner is a witness for its own place."""
+    return corner_anchors(corners, target).maps_at(places)
+
+
+def _without_strays(corners: Corners, fits: NDArray[np.bool_], target: Charuco) -> Corners:
+    """The corners without those of no fit (n,) that the others put elsewhere.
+
+    A corner may be off by ROUGH_DEVIATIONS of its sigma and its prediction's, and by what the corners around that do
+    fit are off by: a lens bends the board between them alike.
+    """
+    place = target.points[corners.index, :2] / target.square
+    measured = corners.subset(fits)
+    own = _maps_of(place[fits], measured, target)
+    bent = np.where(own.determined, np.linalg.norm(measured.uv - own.centres, axis=1) / own.square_px, 0.0)
+    maps = _maps_of(place, measured, target)
+    distance = np.linalg.norm(place[:, None] - place[fits][None], axis=2)
+    nearest = np.argsort(distance, axis=1)[:, :NEAREST]
+    lens = bent[nearest].max(axis=1) * maps.square_px
+    away = np.linalg.norm(corners.uv - maps.centres, axis=1)
+    allowed = ROUGH_DEVIATIONS * np.hypot(ROUGH_SIGMA_PX, maps.sigma_px) + lens
+    near = ~maps.determined | (away <= allowed)
+    told = ~fits & near & maps.determined
+    # Where blur moves them all, their distance from their neighbours says more than what such corners are worth.
+    level = max(ROUGH_SIGMA_PX, float(np.sqrt(0.5 * np.mean(away[told] ** 2)))) if told.any() else ROUGH_SIGMA_PX
+    sigma = np.where(fits, corners.sigma_px, level)
+    return replace(corners, sigma_px=sigma).subset(fits | near)
 
 
 def find_corners(
     grey: Grey, target: Charuco, index: NDArray[np.int64], maps: LocalMaps
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Corners refined from their predictions, (n, 2) px, and whether each is one, (n,)."""
-    start = maps.centres
+    # In the precision of the refinement, which gives a start back untouched when its window shows no corner.
+    start = maps.centres.astype(np.float32).astype(np.float64)
     inside = _inside(start, grey.shape)
     refined = start.copy()
     half = half_windows(maps, target)
@@ -157,8 +209,8 @@ def find_corners(
         chosen = inside & (half == window)
         refined[chosen] = refine_corners(grey, start[chosen], int(window))
     moved = np.linalg.norm(refined - start, axis=1)
-    # The refinement gives a start back untouched when it ran out of the window.
-    good = inside & (moved > 0) & (moved < MOVE_SQUARES * maps.square_px)
+    # An untouched start is no corner, unless it is known as well as a marker's: the strips beside some hold no window.
+    good = inside & ((moved > 0) | (maps.sigma_px < MARKER_SIGMA_PX)) & (moved < MOVE_SQUARES * maps.square_px)
     good[good] = shows_corner(grey, target, index[good], maps.subset(good), refined[good])
     return refined, good
 
@@ -168,8 +220,10 @@ def half_windows(maps: LocalMaps, target: Charuco) -> NDArray[np.int64]:
     gap = 0.5 * (1.0 - target.marker / target.square)
     diagonals = gap * np.array([[1.0, 1.0], [1.0, -1.0]])
     reach = np.linalg.norm(np.einsum("nij,kj->nki", maps.px_per_square, diagonals), axis=-1).min(axis=1)
+    least, most = HALF_WINDOWS_PX
     # A square of half side r reaches r sqrt(2) into its corners, and the refinement looks one pixel further.
-    return np.clip(np.floor(reach / np.sqrt(2.0) - 0.5), *HALF_WINDOWS_PX).astype(np.int64)
+    room = np.floor(reach / np.sqrt(2.0) - 0.5)
+    return np.clip(room, least, np.maximum(most, np.ceil(WINDOW_SIGMAS * maps.sigma_px))).astype(np.int64)
 
 
 def shows_corner(

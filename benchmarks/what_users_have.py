@@ -26,7 +26,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from users import intrinsics
+from users import hand_eye, intrinsics
 from users.runs import Figures, Run, figures
 
 HEAD = (
@@ -37,7 +37,7 @@ HEAD = (
 
 def named(words: list[str] | None) -> list[Any]:
     """Conditions whose name holds, matches or ends in one of the words; an exact last part goes before parts of it."""
-    every = intrinsics.conditions()
+    every = [*intrinsics.conditions(), *(c for c in hand_eye.conditions() if c.possible)]
     if not words:
         return every
     exact = [c for c in every if any(c.name == w or c.name.split("/")[1] == w for w in words)]
@@ -45,7 +45,7 @@ def named(words: list[str] | None) -> list[Any]:
 
 
 def run(condition: Any, seed: int) -> Run:
-    return intrinsics.run(condition, seed)
+    return (hand_eye if isinstance(condition, hand_eye.Condition) else intrinsics).run(condition, seed)
 
 
 def row(f: Figures) -> str:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from copy import deepcopy
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +12,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
-from users import intrinsics, photos, rigid
+from users import cell, hand_eye, intrinsics, photos, rigid, robot
 
 
 @pytest.fixture
@@ -57,3 +59,49 @@ def test_without_a_fault_the_camera_is_found_and_sigma_is_the_least() -> None:
     assert {r.verdict for r in found} <= {"ok", "warn"}
     assert np.mean([r.error for r in found]) < 12  # of 4; above it once in 10^8
     assert 0.9 < np.median([r.growth for r in found]) < 1.25
+
+
+def test_an_arm_reaches_where_it_is_sent_and_turns_about_its_joints(rng: np.random.Generator) -> None:
+    arm = robot.draw_arm(rng)
+    q = robot.HOME + 0.3 * rng.standard_normal((20, 6))
+    found, reached = arm.reach(arm.poses(q), np.tile(robot.HOME, (20, 1)))
+    assert reached.sum() > 15
+    np.testing.assert_allclose(arm.poses(found)[reached], arm.poses(q)[reached], atol=1e-8)
+    turned = arm.poses(q + np.array([0.1, 0, 0, 0, 0, 0]))
+    np.testing.assert_allclose(turned, rigid.rigid(rigid.turn([0, 0, 0.1]), np.zeros(3)) @ arm.poses(q), atol=1e-13)
+
+
+@pytest.mark.parametrize("setup", [cell.IN_HAND, cell.TO_HAND])
+def test_what_moves_base_and_flange_is_in_the_averaged_truth(setup: str) -> None:
+    session = cell.draw_session(3, cell.CellDraw(setup=setup))
+    dB, dF = rigid.moved(np.eye(4), np.full(6, 1e-4)), rigid.moved(np.eye(4), np.full(6, -2e-4))
+    reported = session.true
+    cell.misled(session, lambda arm, q, rng: lambda q: dB @ arm.poses(q) @ dF, average=True)
+    X = session.truths[0]
+    loop = reported @ X @ session.photos.T if setup == cell.IN_HAND else rigid.back(reported) @ X @ session.photos.T
+    assert np.abs(loop - loop[0]).max() < 1e-7
+    assert session.off < 1e-7
+
+
+@cache
+def drawn(draw: cell.CellDraw) -> cell.Session:
+    return cell.draw_session(1, draw)
+
+
+@pytest.mark.parametrize("condition", hand_eye.conditions(), ids=lambda c: c.name)
+def test_every_session_closes_its_loop_but_for_what_is_wrong(condition: hand_eye.Condition) -> None:
+    session = deepcopy(drawn(condition.draw))
+    for edit in condition.edits:
+        edit(session)
+    chain = (session.true @ session.X) if session.setup == cell.IN_HAND else rigid.back(session.true) @ session.X
+    loop = chain @ session.photos.T
+    assert ("nudged" in condition.name) == (np.abs(loop - loop[0]).max() > 1e-9)
+    assert np.isfinite(session.photos.take()).all()
+    assert len(session.reported) == len(session.photos) >= 4
+
+
+def test_a_robot_without_a_fault_finds_its_camera() -> None:
+    run = hand_eye.run(hand_eye.conditions()[0], 0)
+    assert run.verdict == "ok"
+    assert run.error < 40  # of 6; above it once in 10^6
+    assert 0.6 < run.growth < 2

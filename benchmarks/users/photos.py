@@ -119,8 +119,8 @@ def look(
     roll = draw.roll if draw.roll is not None else float(rng.choice([15.0, 45.0, 180.0]))
     found: list[Array] = []
     centre, width = board.mean(axis=0), np.ptp(board[:, 0])
-    for _ in range(60):
-        m = 200
+    for _ in range(200):
+        m = 400
         direction, tilt = rng.uniform(0, 2 * np.pi, m), np.deg2rad(rng.uniform(*draw.tilt, m))
         axis = np.stack([np.cos(direction), np.sin(direction), 0 * direction], axis=1)
         R = turn(tilt[:, None] * axis) @ turn(np.deg2rad(rng.uniform(-roll, roll, (m, 1))) * [0, 0, 1])

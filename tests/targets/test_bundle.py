@@ -130,16 +130,23 @@ nested:
 def test_a_hash_inside_a_name_and_numbers_as_people_write_them() -> None:
     text = 'name: "board # 2"  # the spare\nturn: [1e-3, -2E+1, .5, 3, 1.5e2]\n'
     assert parse_yaml(text) == {"name": "board # 2", "turn": [1e-3, -20.0, 0.5, 3, 150.0]}
+    assert parse_yaml("[010, 0x10, 12:30, 1_000, -.inf]") == [10, 16, "12:30", 1000, float("-inf")]
+    assert parse_yaml(f"a: &a [1, 2]\nb: *a\nc: {'9' * 400}") == {"a": [1, 2], "b": [1, 2], "c": float("inf")}
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("a: &a [x, x]\nb: &b [*a, *a, *a]\nc: [*b, *b, *b]\n", "line 2: an alias"),
-        ("&loop [*loop]", "line 1: an alias"),
-        ("key: value\n" * 100_000, "1100000 characters; such a file has 500000 at most"),
+        (
+            "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}' if i else 'x'] * 9)}]\n" for i in range(7)),
+            "line 6: it holds, or its aliases unfold to, more than 300000 values",
+        ),
+        ("&loop [*loop]", r"line 1: the alias \*loop stands within what it names"),
+        ("a: *b", r"(?i)line 1: .*alias"),
+        ("key: value\n" * 100_000, "1100000 characters; expected 1000000 at most"),
+        ("a: 1\nb: 2\na: 3\n", "line 3: the key 'a' stands there twice"),
         ("[" * 100_000, "too deep"),
-        ("id: 1\n  at: 2\n", "line 2: mapping values are not allowed here"),
+        ("id: 1\n  at: 2\n", "line 2: mapping values are not allowed"),
         ("id: !!python/object/apply:os.system [ls]\n", "line 1: could not determine a constructor"),
         ("on: 2020-13-45\n", "month must be"),
     ],

@@ -89,7 +89,7 @@ def _work(command: Command, arguments: Sequence[str]) -> int:
     """One command from its arguments to its files."""
     from calibrant.cli.finish import explained, finish
     from calibrant.cli.progress import listener
-    from calibrant.tasks.registry import reads_of
+    from calibrant.tasks.registry import reads_of, run_task
 
     if any(word in HELP for word in arguments):
         sys.stdout.write(command_help(command))
@@ -101,7 +101,7 @@ def _work(command: Command, arguments: Sequence[str]) -> int:
     call.places.check(force=call.outputs.force)
     call.places.spare(reads_of(command.task, call.request))
     try:
-        outcome = command.task.run(call.request, listener(silent=call.outputs.silent))
+        outcome = run_task(command.task, call.request, listener(silent=call.outputs.silent))
     except RefusedError as error:
         raise explained(error, call) from error
     refusal = finish(outcome, call)
@@ -133,3 +133,5 @@ def _say(error: BaseException, given: Sequence[str], *, text: str | None = None)
     if "--debug" in given:
         traceback.print_exception(error, file=sys.stderr)
     sys.stderr.write(f"calibrant: {text if text is not None else error}\n")
+    for note in getattr(error, "__notes__", ()):
+        sys.stderr.write(f"calibrant: note: {note}\n")

@@ -122,6 +122,10 @@ def _show(outcome: Outcome, seen: Look | None, *, verbose: bool) -> None:
         elif part is not None:
             # Lines of text are as long as their words; what Rich lays out itself is laid into the terminal's width.
             console.print(part, soft_wrap=isinstance(part, Text))
+    if outcome.summary is not None and outcome.result is not None and outcome.result.notes:
+        from calibrant.reports.terminal import notes
+
+        console.print(*notes(outcome.result))
 
 
 def _is_result(part: object) -> bool:

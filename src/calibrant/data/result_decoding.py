@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Mapping
 from typing import Any, NoReturn, TypeVar
 
@@ -32,6 +33,16 @@ from calibrant.errors import InputError
 from calibrant.version import __version__
 
 T = TypeVar("T")
+_MOST_PIXELS_A_SIDE = 1_000_000
+"""No picture has more."""
+KEYS = frozenset(
+    (
+        *("format", "kind", "version", "created", "verdict", "cameras", "transforms", "joint_covariance", "rms_px"),
+        *("sigma_px", "sigma_robot", "target_scale", "figures", "decided", "cell", "details", "held_out", "checks"),
+        *("methods", "views", "options", "inputs", "notes", "robot_poses", "T_camera_target", "observations"),
+    )
+)
+"""Keys of a file."""
 
 
 def refuse_constant(name: str) -> NoReturn:
@@ -66,6 +77,8 @@ def _number(data: Json, key: str, where: str) -> float:
     value = _object(data, where).get(key)
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(f"{where}.{key} is {json.dumps(value)[:60]}, expected a number")
+    if not math.isfinite(value):
+        raise InputError(f"{where}.{key} is beyond all numbers; a result file holds finite numbers only")
     return float(value)
 
 
@@ -78,8 +91,10 @@ def _array(data: Json, key: str, shape: tuple[int, ...], where: str) -> Array:
     rows = _get(data, key, list, where)
     try:
         array = np.array(rows, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{where}.{key} is not an array of numbers ({error})") from error
+    if not np.all(np.isfinite(array)):
+        raise InputError(f"{where}.{key} holds a number beyond all numbers; a result file holds finite numbers only")
     if len(rows) == 0 and -1 in shape:
         array = array.reshape(tuple(0 if n == -1 else n for n in shape))
     if array.ndim != len(shape) or any(n not in (-1, m) for n, m in zip(shape, array.shape)):
@@ -90,6 +105,14 @@ def _array(data: Json, key: str, shape: tuple[int, ...], where: str) -> Array:
 
 def _maybe_array(data: Json, key: str, shape: tuple[int, ...], where: str) -> Array | None:
     return None if _object(data, where).get(key) is None else _array(data, key, shape, where)
+
+
+def _size(data: Json, key: str, where: str) -> tuple[int, int]:
+    """Width and height in whole pixels."""
+    width, height = _array(data, key, (2,), where).tolist()
+    if not all(1 <= n <= _MOST_PIXELS_A_SIDE and n == int(n) for n in (width, height)):
+        raise InputError(f"{where}.{key} is [{width:g}, {height:g}], expected width and height in whole pixels")
+    return int(width), int(height)
 
 
 def _records(data: Json, key: str, decode: Callable[[Json, str], T]) -> tuple[T, ...]:
@@ -137,7 +160,8 @@ def decode(data: Any) -> CalibrationResult:
         decided=from_json(Mapping[str, str], _maybe(data, "decided", dict, "file") or {}, "decided"),
         cell=None if cell is None else from_json(CellLayout, cell, "cell"),
         details=_decode_details(_maybe(data, "details", dict, "file") or {}),
-        inputs=tuple(_maybe(data, "inputs", list, "file") or ()),
+        inputs=_decode_inputs(data),
+        notes=tuple(str(note) for note in _maybe(data, "notes", list, "file") or ()),
         observations=None if seen is None else _decode_observations(seen),
         robot_poses=None if poses is None else _decode_poses(poses),
         T_camera_target=_maybe_array(data, "T_camera_target", (-1, 4, 4), "file"),
@@ -153,13 +177,21 @@ def _decode_details(data: Json) -> tuple[Any, ...]:
     return tuple(from_json(DETAILS[name], record, f"details.{name}") for name, record in data.items())
 
 
+def _decode_inputs(data: Json) -> tuple[dict[str, str], ...]:
+    out = []
+    for i, item in enumerate(_maybe(data, "inputs", list, "file") or ()):
+        record = _object(item, f"inputs[{i}]")
+        out.append({key: _get(record, key, str, f"inputs[{i}]") for key in record})
+    return tuple(out)
+
+
 def _decode_camera(data: Json, where: str) -> Camera:
     parameters = _get(data, "parameters", dict, where)
-    size = _array(data, "image_size", (2,), where).astype(int).tolist()
+    size = _size(data, "image_size", where)
     return Camera.create(
         _get(data, "model", str, where),
         {name: _number(parameters, name, f"{where}.parameters") for name in parameters},
-        image_size=(size[0], size[1]),
+        image_size=size,
         covariance=_maybe_array(data, "covariance", (-1, -1), where),
     )
 
@@ -248,8 +280,7 @@ def _decode_observations(data: Json) -> Observations:
     sizes = _get(data, "image_sizes", dict, where)
     image_sizes = {}
     for camera in sizes:
-        width, height = _array(sizes, camera, (2,), f"{where}.image_sizes").astype(int).tolist()
-        image_sizes[camera] = (width, height)
+        image_sizes[camera] = _size(sizes, camera, f"{where}.image_sizes")
     missed = []
     for i, item in enumerate(_maybe(data, "missed", list, where) or []):
         at = f"{where}.missed[{i}]"

@@ -49,6 +49,7 @@ def encode(result: CalibrationResult) -> Json:
             "views": [_encode_view(v) for v in result.views] or None,
             "options": result.options or None,
             "inputs": list(result.inputs) or None,
+            "notes": list(result.notes) or None,
             "robot_poses": None if result.robot_poses is None else _encode_poses(result.robot_poses),
             "T_camera_target": result.T_camera_target,
             "observations": None if result.observations is None else _encode_observations(result.observations),

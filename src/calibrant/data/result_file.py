@@ -13,11 +13,15 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from calibrant.data.format_one import FORMAT_ONE
 from calibrant.data.observations import Observations
-from calibrant.data.result_decoding import decode, refuse_constant
+from calibrant.data.result_decoding import KEYS, decode, refuse_constant
 from calibrant.data.result_encoding import FORMAT, encode, format_json
 from calibrant.data.results import CalibrationResult
 from calibrant.errors import InputError
+from calibrant.files import RESULT, read_text, reason_of
+from calibrant.json_text import parse_json
+from calibrant.notes import note_unused
 
 
 def write_result(result: CalibrationResult, path: str | Path, *, force: bool = False) -> Path:
@@ -44,12 +48,9 @@ def read_result(path: str | Path) -> CalibrationResult:
     if not isinstance(path, str | Path):
         raise InputError(f"cannot read {path!r}: it is no path of a file")
     path = Path(path)
+    text = read_text(path, most=RESULT, what="result file", expected=f"a JSON file of format {FORMAT}")
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot read {path}: {_reason(error)}; expected a JSON file of format {FORMAT}") from error
-    try:
-        data = json.loads(text, parse_constant=refuse_constant)
+        data = parse_json(text, parse_constant=refuse_constant)
     except json.JSONDecodeError as error:
         raise InputError(
             f"{path}:{error.lineno}: not JSON ({error.msg}); expected a result file of format {FORMAT}"
@@ -57,7 +58,9 @@ def read_result(path: str | Path) -> CalibrationResult:
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     try:
-        return decode(data)
+        result = decode(data)
+        note_unused(str(path), () if data["format"] == FORMAT_ONE else (key for key in data if key not in KEYS))
+        return result
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 
@@ -110,10 +113,6 @@ def write_text(text: str, path: str | Path, *, force: bool = False) -> Path:
             temporary.unlink(missing_ok=True)
     except OSError as error:
         raise InputError(
-            f"cannot write {path}: {_reason(error)}; choose a folder that exists and is writable"
+            f"cannot write {path}: {reason_of(error)}; choose a folder that exists and is writable"
         ) from error
     return path
-
-
-def _reason(error: Exception) -> str:
-    return error.strerror.lower() if isinstance(error, OSError) and error.strerror else str(error)

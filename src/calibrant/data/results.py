@@ -190,6 +190,8 @@ class CalibrationResult:
     robot_poses: RobotPoses | None = None
     T_camera_target: Array | None = None
     """Target poses (n, 4, 4) that were given in place of observations, one a robot pose."""
+    notes: tuple[str, ...] = ()
+    """What readers said on the way: keys and columns of the inputs that were not used."""
     created: str = ""
     version: str = ""
 

@@ -63,7 +63,7 @@ def summary(at: CalibrationResult | Look, *, verbose: bool = False) -> Renderabl
     seen = look(at)
     result, kind = seen.result, kind_of(seen.result)
     if kind.terminal is not None:
-        return Group(*kind.terminal(result))
+        return Group(*kind.terminal(result), *notes(result))
     parts: list[RenderableType] = [_headed(title(result))]
     if result.transforms:
         parts.append(Columns([_transform_table(t, matrix=verbose) for t in result.transforms], padding=(0, 3)))
@@ -82,7 +82,12 @@ def summary(at: CalibrationResult | Look, *, verbose: bool = False) -> Renderabl
         parts.append(_headed("Decided", Text(decided)))
     if result.checks:
         parts.append(_checks(sorted_checks(result), verbose=verbose))
-    return Group(*parts, _verdict(result))
+    return Group(*parts, *notes(result), _verdict(result))
+
+
+def notes(result: CalibrationResult) -> list[RenderableType]:
+    """What readers said: which parts of the inputs were not used; nothing where they said nothing."""
+    return [_headed("Notes", *(Text(note) for note in result.notes))] if result.notes else []
 
 
 def text_table(given: TextTable) -> RenderableType:

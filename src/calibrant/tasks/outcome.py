@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -53,6 +53,12 @@ class Outcome:
     summary: Callable[[], Any] | None = None
     page: Callable[[], str] | None = None
     refusal: RefusedError | None = None
+
+    def noted(self, notes: Sequence[str]) -> Outcome:
+        """The outcome whose result says what readers said on the way."""
+        if self.result is None or not notes:
+            return self
+        return replace(self, result=replace(self.result, notes=(*self.result.notes, *notes)))
 
     def text(self) -> str:
         """The result file's text, or that of the answer; nothing for tasks that only make documents."""

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Protocol
 
+from calibrant.errors import CalibrantError
+from calibrant.notes import heard
 from calibrant.tasks.listener import Listener
 from calibrant.tasks.outcome import Outcome
 
@@ -82,7 +84,23 @@ GROUPS = {
 """What each group of commands is about: the first word of those that have two."""
 
 
+def run_task(task: Task, request: Any, listener: Listener) -> Outcome:
+    """The outcome of a task, with what readers noted on the way; an error carries their notes too.
+
+    Raises: as the task.
+    """
+    with heard() as notes:
+        try:
+            outcome = task.run(request, listener)
+        except CalibrantError as error:
+            for note in notes:
+                error.add_note(note)
+            raise
+    return outcome.noted(notes)
+
+
 def reads_of(task: Task, request: Any) -> list[str]:
     """The files that a request names to be read. Raises: InputError where they are not there."""
     reads = getattr(task, "reads", None)
-    return [] if reads is None else [str(file) for file in reads(request)]
+    with heard():  # the task says it again
+        return [] if reads is None else [str(file) for file in reads(request)]

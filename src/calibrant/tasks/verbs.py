@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from calibrant.tasks.options.fields import Field, build, spread
-from calibrant.tasks.registry import TASKS, Entry, Task, reads_of
+from calibrant.tasks.registry import TASKS, Entry, Task, reads_of, run_task
 from calibrant.tasks.writing import check_folder, check_spared, check_writable, write_documents
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def _run(task: Task, values: Mapping[str, Any], *, force: bool) -> Any:
             check_writable(path, force=force)
         else:
             check_folder(path, option=field.name)
-    outcome = task.run(request, SILENT)
+    outcome = run_task(task, request, SILENT)
     write_documents(outcome.documents, force=force)
     if outcome.result is None and outcome.refusal is not None:
         raise outcome.refusal

@@ -69,9 +69,11 @@ def test_an_equidistant_ros_camera_is_a_kannala_brandt(tmp_path: Path) -> None:
     camera = camera_of(tmp_path / "c.yaml", message(D[:4], model="equidistant"))
     assert camera.model.name == "kannala_brandt"
     np.testing.assert_array_equal(camera.values[4:], D[:4])
-    with pytest.raises(InputError, match="5 distortion coefficients; an equidistant camera has k1, k2, k3, k4"):
+    with pytest.raises(
+        InputError, match="5 distortion coefficients; a camera of the model kannala_brandt has k1, k2, k3, k4"
+    ):
         camera_of(tmp_path / "c.yaml", message(D, model="equidistant"))
-    with pytest.raises(InputError, match="'fov'; expected plumb_bob, rational_polynomial or equidistant"):
+    with pytest.raises(InputError, match="'fov', expected one of plumb_bob, rational_polynomial, equidistant"):
         camera_of(tmp_path / "c.yaml", message(D, model="fov"))
 
 
@@ -182,10 +184,10 @@ def test_files_without_a_usable_camera_say_why(tmp_path: Path, data: object, mes
 
 
 def test_missing_and_binary_files_are_said(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no such file"):
+    with pytest.raises(InputError, match=r"none\.yaml does not exist"):
         read_camera(tmp_path / "none.yaml")
     (tmp_path / "b.yaml").write_bytes(b"\xff\xd8\xff\x00")
-    with pytest.raises(InputError, match="not a text file"):
+    with pytest.raises(InputError, match="is a binary file; expected a camera in JSON, YAML or XML"):
         read_camera(tmp_path / "b.yaml")
     (tmp_path / "v.json").write_text(json.dumps({"format": "calibrant/9"}))
     with pytest.raises(InputError, match=r"'calibrant/9'; this version .* reads 'calibrant/2' and 'calibrant/1'"):

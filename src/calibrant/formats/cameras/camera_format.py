@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +10,6 @@ import numpy as np
 
 from calibrant.arrays import Array
 from calibrant.cameras import Camera, camera_model
-from calibrant.cameras.plane_distortion import TERMS
 from calibrant.errors import InputError
 
 Size = tuple[int, int]
@@ -21,35 +20,21 @@ COUNTS = (0, 1, 2, 4, 5, 8, 12, 14)
 """How many coefficients OpenCV's functions and ROS messages come with."""
 
 
+MOST_PIXELS_A_SIDE = 1_000_000
+"""A line-scan camera's pictures can be as long; no larger number is a size."""
+
+
 @dataclass(frozen=True)
 class CameraFormat:
-    """A format: `matches(data)` says whether a file's data look like it, `read(data, image_size)` makes the camera.
+    """A format: `matches(data)` says whether a file's data look like it, `read(data, image_size, source)` makes the
+    camera and notes what it did not use.
 
-    image_size is (width, height) when the caller knows it, for formats that do not hold it.
+    image_size is (width, height) when the caller knows it, for formats that do not hold it; source names the file.
     """
 
     name: str
     matches: Callable[[Mapping[str, Any]], bool]
-    read: Callable[[Mapping[str, Any], Size | None], Camera]
-
-
-def camera_from_opencv(K: Array, distortion: Sequence[float], found: Size | None, image_size: Size | None) -> Camera:
-    """Camera of a 3x3 matrix and 0 to 14 coefficients in OpenCV's order: the model with fewest terms that holds all.
-
-    found, image_size: as `placed_camera`.
-    A matrix with skew gives pinhole_skew without distortion, and with k1 k2 p1 p2 the unified model, whose xi = 0 is
-    brown's with skew. Raises: InputError for what no known model holds.
-    """
-    fx, fy, cx, cy, skew = matrix_parameters(K)
-    terms = np.asarray(distortion, dtype=np.float64).ravel()
-    if len(terms) not in COUNTS or not np.all(np.isfinite(terms)):
-        raise InputError(
-            f"{len(terms)} distortion coefficients {terms.tolist()}; expected 4, 5, 8, 12 or 14 finite ones in "
-            "OpenCV's order: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]]"
-        )
-    named = {name: float(value) for name, value in zip(TERMS, terms) if value != 0}
-    parameters = {"fx": fx, "fy": fy, "cx": cx, "cy": cy} | ({"skew": skew} if skew else {})
-    return placed_camera(smallest_model(named, skew), parameters | named, found, image_size)
+    read: Callable[[Mapping[str, Any], Size | None, str], Camera]
 
 
 def smallest_model(terms: Iterable[str], skew: float) -> str:
@@ -114,8 +99,12 @@ def whole_size(width: Any, height: Any) -> Size:
     """(width, height) in whole pixels. Raises: InputError."""
     try:
         size = int(width), int(height)
-    except (TypeError, ValueError) as error:
+        if size != (float(width), float(height)):
+            raise ValueError
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"the image size is {width!r} x {height!r}, expected two whole numbers") from error
+    if not all(0 < n <= MOST_PIXELS_A_SIDE for n in size):
+        raise InputError(f"the image size is {width} x {height}, expected 1 to {MOST_PIXELS_A_SIDE} pixels a side")
     return size
 
 
@@ -123,8 +112,8 @@ def numbers(value: Any, what: str) -> Array:
     """A flat array of numbers. Raises: InputError."""
     try:
         return np.asarray(value, dtype=np.float64).ravel()
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{what} is {value!r}, expected numbers") from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{what} is {str(value)[:80]!r}, expected numbers") from error
 
 
 def single(fields: Mapping[str, Any], key: str) -> float:

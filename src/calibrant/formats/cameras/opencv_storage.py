@@ -14,45 +14,54 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from calibrant.errors import InputError
+from calibrant.json_text import DEEPEST, TOO_DEEP, parse_json
+from calibrant.targets.yaml_file import parse_documents
 
 _LENGTH_OF_LINE = 72
+_LONGEST_INTEGER = 18
 _CHANNELS = re.compile(r"^\(?(\d*)[a-z]\)?$")
 
 
-class _Loader(yaml.SafeLoader):
-    """Safe YAML with OpenCV's matrix tag."""
-
-
-def _construct_matrix(loader: yaml.SafeLoader, node: yaml.Node) -> NDArray:
-    if not isinstance(node, yaml.MappingNode):
+def _construct_matrix(loader: Any, node: Any) -> NDArray:
+    if not hasattr(node, "value") or not isinstance(node.value, list) or node.id != "mapping":
         raise InputError("an opencv-matrix without rows, cols, dt and data")
     return _stored_matrix({str(key): value for key, value in loader.construct_mapping(node, deep=True).items()})
 
 
-_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _construct_matrix)
-_Loader.add_constructor("tag:yaml.org,2002:opencv-nd-matrix", _construct_matrix)
+_CONSTRUCTORS = dict.fromkeys(
+    ("tag:yaml.org,2002:opencv-matrix", "tag:yaml.org,2002:opencv-nd-matrix"), _construct_matrix
+)
 
 
 def read_yaml(text: str, source: str) -> Any:
-    """Data of a YAML document, OpenCV's dialect included. Raises: InputError with file and line."""
-    body = re.sub(r"\A\s*%YAML:1\.\d[^\n]*\n", "\n", text)  # the line stays, so that line numbers hold
+    """Data of a YAML document, OpenCV's dialect included. Raises: InputError with file and line, or for several."""
+    documents = read_yaml_documents(text, source)
+    if len(documents) > 1:
+        raise InputError(f"{source}: {len(documents)} documents, separated by ---; expected one")
+    return documents[0] if documents else None
+
+
+def read_yaml_documents(text: str, source: str) -> list[Any]:
+    """Data of each YAML document that holds something, as `ros2 topic echo` prints messages. Raises: as `read_yaml`."""
+    # A byte order mark and blanks before OpenCV's header; the line stays, so that line numbers hold.
+    body = re.sub(r"\A\s*%YAML:1\.\d[^\n]*\n", "\n", text)
     try:
-        return yaml.load(body, Loader=_Loader)
-    except yaml.MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else 1
-        raise InputError(f"{source}:{line}: not YAML ({error.problem})") from error
-    except (yaml.YAMLError, InputError) as error:
-        raise InputError(f"{source}: {error}") from error
+        return parse_documents(body, _CONSTRUCTORS)
+    except InputError as error:
+        line = re.match(r"line (\d+): ", str(error))
+        words = str(error)[line.end() :] if line else str(error)
+        raise InputError(
+            f"{source}:{line[1]}: not YAML ({words})" if line else f"{source}: not YAML ({words})"
+        ) from error
 
 
 def read_json(text: str, source: str) -> Any:
     """Data of a JSON document, OpenCV's matrices as arrays. Raises: InputError with file and line."""
     try:
-        return json.loads(text, object_hook=_json_object)
+        return parse_json(text, object_hook=_json_object)
     except json.JSONDecodeError as error:
         raise InputError(f"{source}:{error.lineno}: not JSON ({error.msg})") from error
     except InputError as error:
@@ -61,16 +70,33 @@ def read_json(text: str, source: str) -> Any:
 
 def read_xml(text: str, source: str) -> dict[str, Any]:
     """Data of a FileStorage XML document. Raises: InputError with file and line."""
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise InputError(f"{source}: document types and entities are not part of a FileStorage; remove them")
     try:
         root = ElementTree.fromstring(text.strip())
     except ElementTree.ParseError as error:
         raise InputError(f"{source}:{error.position[0]}: not XML ({error})") from error
     if root.tag != "opencv_storage":
         raise InputError(f"{source}: the XML root is <{root.tag}>, expected <opencv_storage>")
+    _check_depth(root, source)
+    tags = [child.tag for child in root]
+    twice = next((tag for tag in tags if tags.count(tag) > 1), None)
+    if twice is not None:
+        raise InputError(f"{source}: <{twice[:40]}> stands there twice; keep one")
     try:
         return {child.tag: _xml_value(child) for child in root}
     except InputError as error:
         raise InputError(f"{source}: {error}") from error
+
+
+def _check_depth(root: ElementTree.Element, source: str) -> None:
+    """Raises: InputError where elements lie too deep in each other."""
+    level = [root]
+    for _ in range(DEEPEST):
+        level = [child for element in level for child in element]
+        if not level:
+            return
+    raise InputError(f"{source}: {TOO_DEEP}")
 
 
 def yaml_text(values: Mapping[str, NDArray | float | int | str]) -> str:
@@ -123,19 +149,20 @@ def _xml_value(element: ElementTree.Element) -> Any:
         return [_xml_value(child) for child in children]
     if children:
         return {child.tag: _xml_value(child) for child in children}
-    if text.startswith('"'):
+    if text.startswith('"') and len(text) > 1:
         return text.strip('"')
     parts = [_scalar(part) for part in text.split()]
     return parts if len(parts) > 1 and all(not isinstance(p, str) for p in parts) else _scalar(text)
 
 
 def _scalar(text: str) -> Any:
-    for kind in (int, float):
+    try:
+        return int(text) if len(text) < _LONGEST_INTEGER else float(text)
+    except ValueError:
         try:
-            return kind(text)
+            return float(text)
         except ValueError:
-            continue
-    return text
+            return text
 
 
 def _stored_matrix(fields: Mapping[str, Any]) -> NDArray:
@@ -151,5 +178,5 @@ def _stored_matrix(fields: Mapping[str, Any]) -> NDArray:
         shape = [int(n) for n in (sizes.split() if isinstance(sizes, str) else sizes)]
         shape += [int(match[1])] if match[1] and int(match[1]) > 1 else []
         return np.array([float(x) for x in fields["data"]]).reshape(shape)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"an opencv-matrix whose data do not fit rows x cols ({error})") from error

@@ -10,13 +10,12 @@ from calibrant.cameras import Camera
 from calibrant.data.result_encoding import FORMAT
 from calibrant.data.result_file import read_result
 from calibrant.errors import InputError
+from calibrant.files import read_text
 from calibrant.formats.cameras.camera_format import CameraFormat, Size, size_or_refuse
-from calibrant.formats.cameras.named import NAMED_INTRINSICS
-from calibrant.formats.cameras.opencv import OPENCV
-from calibrant.formats.cameras.opencv_storage import read_json, read_xml, read_yaml
-from calibrant.formats.cameras.ros import ROS_CAMERA_INFO
+from calibrant.formats.cameras.described import DESCRIBED
+from calibrant.formats.cameras.opencv_storage import read_json, read_xml, read_yaml_documents
 
-FORMATS: tuple[CameraFormat, ...] = (ROS_CAMERA_INFO, OPENCV, NAMED_INTRINSICS)
+FORMATS: tuple[CameraFormat, ...] = (DESCRIBED,)
 """Formats of other programs, tried in this order."""
 
 
@@ -35,7 +34,7 @@ def read_camera(path: str | Path, *, image_size: Size | None = None) -> Camera:
             return camera
         for form in FORMATS:
             if form.matches(data):
-                return form.read(data, image_size)
+                return form.read(data, image_size, str(path))
     except InputError as error:
         text = str(error)
         raise InputError(text if text.startswith(str(path)) else f"{path}: {text}") from error
@@ -45,15 +44,24 @@ def read_camera(path: str | Path, *, image_size: Size | None = None) -> Camera:
 
 
 def _data(path: Path) -> Mapping[str, Any]:
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InputError(f"cannot read the camera {path}: {(error.strerror or str(error)).lower()}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not a text file; a camera is read from JSON, YAML or XML") from error
+    text = read_text(path, what="camera file", expected="a camera in JSON, YAML or XML")
     start = text.lstrip()
-    read = read_json if start.startswith("{") else read_xml if start.startswith("<") else read_yaml
-    data = read(text, str(path))
+    if start.startswith("{"):
+        data = read_json(text, str(path))
+    elif start.startswith("<"):
+        data = read_xml(text, str(path))
+    else:
+        data = _only(read_yaml_documents(text, str(path)), path)
     if not isinstance(data, Mapping):
         raise InputError(f"{path}: {type(data).__name__}, expected keys and values that describe a camera")
     return data
+
+
+def _only(documents: list[Any], path: Path) -> Any:
+    """The one document; of messages that were printed one after the other the first, where all say the same camera."""
+    if not documents:
+        raise InputError(f"{path}: the file is empty; expected keys and values that describe a camera")
+    told = [{k: v for k, v in d.items() if k != "header"} if isinstance(d, Mapping) else d for d in documents]
+    if any(repr(other) != repr(told[0]) for other in told[1:]):
+        raise InputError(f"{path}: {len(documents)} documents that differ, separated by ---; expected one camera")
+    return documents[0]

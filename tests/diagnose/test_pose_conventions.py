@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from calibrant.diagnose.conventions.decide import Setup, decide, rank, robot_side
 from calibrant.diagnose.conventions.hypotheses import SETUPS
 from calibrant.errors import InputError, RefusedError
-from calibrant.formats.poses.read import PoseNotation, notations, read_poses
+from calibrant.formats.poses.read import PoseNotation, every_notation, notations, read_poses
 from calibrant.geometry import rotations, se3, so3
 
 Array = NDArray[np.float64]
@@ -246,3 +247,43 @@ def test_numbers_of_poses_must_agree(tmp_path: Path) -> None:
         decide(native(tmp_path, T), B[:7])
     with pytest.raises(InputError, match="no reading of the robot poses"):
         rank([], B)
+
+
+def bare(folder: Path, first: Array, second: Array, syntax: str) -> tuple[PoseNotation, ...]:
+    """Rows of six bare numbers: one text, a text a pose, or lists in JSON."""
+    rows = np.column_stack([first, second]).tolist()
+    lines = [" ".join(repr(float(v)) for v in row) for row in rows]
+    if syntax == "json":
+        (folder / "poses.json").write_text(json.dumps(rows))
+        return every_notation(read_poses(folder / "poses.json"))
+    if syntax == "text":
+        (folder / "poses.txt").write_text("\n".join(lines))
+        return every_notation(read_poses(folder / "poses.txt"))
+    for i, line in enumerate(lines):
+        (folder / f"pos{i}.txt").write_text(line)
+    return every_notation(read_poses([folder / f"pos{i}.txt" for i in range(len(rows))]))
+
+
+@pytest.mark.parametrize(
+    ("syntax", "unit", "form"),
+    [("text", 1.0, "rotvec"), ("files", 250.0, "deg"), ("json", 250.0, "deg"), ("files", 1000.0, "deg")],
+)
+@pytest.mark.parametrize("first", ["position", "rotation"])
+def test_the_order_of_six_bare_numbers_is_decided_by_the_loop(
+    tmp_path: Path, syntax: str, unit: float, form: str, first: str
+) -> None:
+    T, B = cell(12, setup="eye-in-hand", noise=0.1)
+    if unit == 250.0:  # millimetres of a small cell: no number past a full turn, so that either could be the angles
+        T[:, :3, 3] *= 0.25
+        B[:, :3, 3] *= 0.25
+        unit = 1000.0
+    R = T[:, :3, :3]
+    angles = so3.log(R) if form == "rotvec" else rotations.euler_from_matrix(R, order="xyz", unit="deg")
+    columns = (unit * T[:, :3, 3], angles)
+    found = decide(bare(tmp_path, *(columns if first == "position" else columns[::-1]), syntax), B)
+    np.testing.assert_allclose(found.notation.T_base_gripper, T, atol=1e-9)
+    assert all(f.status == "ok" for f in found.findings)
+    beyond = unit * np.abs(T[:, :3, 3]).max() > 360  # then the numbers tell by themselves
+    asked = first == "rotation" and not beyond
+    assert [f.name for f in found.findings] == (["rotation-first"] if asked else [])
+    assert found.notation.rotation_first == asked

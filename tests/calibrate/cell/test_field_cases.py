@@ -41,3 +41,10 @@ def test_camera_frames_that_are_not_optical(shared_case: Callable[[str], Path], 
     """Exact pairs, the camera's x ahead, the marker's z out of its face."""
     found = camera_mm([shared_case("03-not-optical-frames") / f"min2_{setup}.json"], None, setup)
     assert found == pytest.approx(truth, abs=1e-6)
+
+
+def test_rows_with_the_rotation_first(shared_case: Callable[[str], Path]) -> None:
+    """rx ry rz x y z, a file a pose."""
+    folder = shared_case("11-rotation-first")
+    found = camera_mm(sorted(folder.glob("pos*.txt")), [folder / "target_poses.csv"])
+    assert found == pytest.approx([35, -60, 90], abs=0.01)

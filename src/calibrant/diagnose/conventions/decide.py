@@ -180,7 +180,10 @@ def _overruled(stated: Alternative, best: Alternative) -> Check:
         f"{'; '.join(best.notation.contradicts)}, but read so the loop leaves {stated.loop_text}; read as "
         f"{best.notation.description} it closes to {best.loop_text}, and that is used"
     )
-    return Check("header-overruled", "warn", message, stated.loop_rms_mm / max(best.loop_rms_mm, FLOOR_MM))
+    # Where only the habit of rows of bare numbers speaks against it, the loop has decided and nothing is contradicted.
+    order_alone = best.notation.rotation_first and len(best.notation.contradicts) == 1
+    name, status = ("rotation-first", "ok") if order_alone else ("header-overruled", "warn")
+    return Check(name, status, message, stated.loop_rms_mm / max(best.loop_rms_mm, FLOOR_MM))
 
 
 def _mismatch(chosen: Alternative, ranked: Sequence[Alternative], setup: str) -> list[Check]:
@@ -239,12 +242,7 @@ def _mounting_text(a: Alternative) -> str:
 def _same_notation(a: Alternative, b: Alternative) -> bool:
     """True when both read the numbers alike, direction aside."""
     one, two = a.notation, b.notation
-    return (one.units, one.rotation, one.angle, one.by_axis_names) == (
-        two.units,
-        two.rotation,
-        two.angle,
-        two.by_axis_names,
-    )
+    return (one.units, one.rotation_notation) == (two.units, two.rotation_notation)
 
 
 def _message(

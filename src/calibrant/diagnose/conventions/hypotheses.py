@@ -138,9 +138,9 @@ def misfit_of(a: Alternative) -> float:
     return float(np.log(a.loop_rms_mm + FLOOR_MM) + np.log(a.loop_rms_deg + FLOOR_DEG))
 
 
-def notation_angles(notations: Sequence[PoseNotation]) -> dict[tuple[str, str, bool], Array]:
+def notation_angles(notations: Sequence[PoseNotation]) -> dict[tuple[str, str, bool, bool], Array]:
     """By notation, the angles between any two poses, rad: what neither X nor the direction or unit of poses changes."""
-    angles: dict[tuple[str, str, bool], Array] = {}
+    angles: dict[tuple[str, str, bool, bool], Array] = {}
     for notation in notations:
         if notation.rotation_notation not in angles:
             # |R_j^T R_i| has the same angle as |R_j R_i^T|: the direction of the poses does not matter here.

@@ -173,8 +173,8 @@ def _decision(
 ) -> PoseDecision:
     """The decision about all poses, with the findings in words."""
     r = decision.notation
-    key = (r.units, r.rotation, r.angle, r.direction, r.by_axis_names)
-    full = next(c for c in complete if (c.units, c.rotation, c.angle, c.direction, c.by_axis_names) == key)
+    key = (r.units, r.rotation_notation, r.direction)
+    full = next(c for c in complete if (c.units, c.rotation_notation, c.direction) == key)
     findings = [*_conventions(decision, complete[0]), *(_as_finding(f, decision) for f in decision.findings)]
     if order is not None:
         findings.insert(0, _order_finding(order, decision))

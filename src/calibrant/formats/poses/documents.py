@@ -105,7 +105,8 @@ def _table_of(
         rows = tuple((*(row[i] for i in others), *cells) for row, cells in zip(rows, turned))
         notes = (note,) if note else ()
     merged = Stated(**{key: getattr(found, key) or value for key, value in vars(stated).items()})
-    return PoseTable(header, rows, places, source, names=names, stated=merged, notes=notes, keyed=True)
+    bare = all(isinstance(e, list) and len(e) == 6 for e in entries)
+    return PoseTable(header, rows, places, source, names=names, stated=merged, notes=notes, keyed=True, bare=bare)
 
 
 def _entries(data: Any, source: str) -> tuple[list[Any], tuple[str, ...] | None, Stated]:

@@ -105,7 +105,7 @@ def in_format(table: PoseTable, fmt: RobotFormat) -> PoseTable:
     if count == 16 or tuple(table.header[-count:]) != plain[count]:
         return table
     lead = table.header[: len(table.header) - count]
-    return replace(table, header=(*lead, *fmt.columns), stated=NOTHING_STATED)
+    return replace(table, header=(*lead, *fmt.columns), stated=NOTHING_STATED, bare=False)
 
 
 def merged(asked: PoseOptions, fmt: RobotFormat) -> PoseOptions:

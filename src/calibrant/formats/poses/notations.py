@@ -37,6 +37,7 @@ _ROTATION_WORDS = {"quat-xyzw": "quaternions x y z w", "quat-wxyz": "quaternions
 class PoseNotation:
     """One meaning of a pose file. T_base_gripper (n, 4, 4), metres; times (n,), seconds, where the file has them.
 
+    rotation_first: the rotation stands before the position in rows of six bare numbers.
     angle is "" where no angle is read. contradicts: what the file states and this notation does not believe.
     """
 
@@ -50,6 +51,7 @@ class PoseNotation:
     contradicts: tuple[str, ...] = ()
     by_axis_names: bool = False
     times: Array | None = None
+    rotation_first: bool = False
 
     def __repr__(self) -> str:
         return f"PoseNotation({len(self.ids)} poses, {self.source}: {self.description})"
@@ -65,7 +67,8 @@ class PoseNotation:
     @property
     def written(self) -> str:
         """How the numbers are written, in words: the notation but for the direction."""
-        return f"positions in {self.units}, {self.rotation_words}"
+        order = "rotation before position in each row, " if self.rotation_first else ""
+        return f"{order}positions in {self.units}, {self.rotation_words}"
 
     @property
     def description(self) -> str:
@@ -74,9 +77,9 @@ class PoseNotation:
         return f"{self.written}, {way}"
 
     @property
-    def rotation_notation(self) -> tuple[str, str, bool]:
+    def rotation_notation(self) -> tuple[str, str, bool, bool]:
         """How the rotations are written: what two notations share that differ in unit of length or direction only."""
-        return self.rotation, self.angle, self.by_axis_names
+        return self.rotation, self.angle, self.by_axis_names, self.rotation_first
 
     def take(self, rows: Sequence[int], ids: Sequence[str] | None = None) -> PoseNotation:
         """The same notation of some of the poses, in the order of `rows`, renamed when `ids` are given."""
@@ -145,6 +148,19 @@ def notations(
             "leave the option out to let the data decide"
         )
     return tuple(sorted(found, key=lambda notation: len(notation.contradicts)))
+
+
+def every_notation(raw: RawPoses) -> tuple[PoseNotation, ...]:
+    """`notations`, and of rows of six bare numbers those with the rotation first, which the data must bear out."""
+    if raw.rotation_first is None:
+        return notations(raw)
+    try:
+        other = notations(replace(raw.rotation_first, options=raw.options, times=raw.times))
+    except InputError:  # the numbers leave the usual order alone
+        return notations(raw)
+    against = "six numbers a row are a position and a rotation as a rule"
+    first = [replace(n, rotation_first=True, contradicts=(*n.contradicts, against)) for n in other]
+    return (*notations(raw), *first)
 
 
 def excluded(raw: RawPoses) -> tuple[str, ...]:

@@ -52,7 +52,8 @@ class RawPoses:
     names (n,): what the file calls each pose, or None. places (n,): where each stands, for messages.
     target: poses T_camera_target of the same moments, when the file holds pairs. notes: what was passed over.
     times (n,): seconds, where a column says when each pose was taken. joints (n, k): the joint values that forward
-    kinematics made the poses from, radians and metres.
+    kinematics made the poses from, radians and metres. rotation_first: the same rows of six bare numbers with the
+    rotation in front of the position, where the numbers leave both orders open.
     """
 
     translation: Array
@@ -66,6 +67,7 @@ class RawPoses:
     notes: tuple[str, ...] = ()
     times: Array | None = None
     joints: Array | None = None
+    rotation_first: RawPoses | None = None
 
     def __post_init__(self) -> None:
         _refuse_repeated(self.names, self.places)

@@ -24,12 +24,13 @@ from calibrant.formats.poses.joint_columns import joints_in, poses_from_joints
 from calibrant.formats.poses.makers import RobotFormat, controller_text, in_format, merged, robot_format
 from calibrant.formats.poses.natural_order import natural_key
 from calibrant.formats.poses.notations import PoseNotation as PoseNotation
+from calibrant.formats.poses.notations import every_notation as every_notation
 from calibrant.formats.poses.notations import excluded as excluded
 from calibrant.formats.poses.notations import notations as notations
 from calibrant.formats.poses.notations import options as options
 from calibrant.formats.poses.prints import read_documents, read_lines, read_printed
 from calibrant.formats.poses.raw import RawPoses as RawPoses
-from calibrant.formats.poses.rows import PoseTable, raw_poses
+from calibrant.formats.poses.rows import PoseTable, header_of, raw_poses
 from calibrant.formats.poses.text import read_labelled_pairs, read_text_table
 from calibrant.formats.poses.time_column import times_beside
 from calibrant.robots.chain import KinematicChain
@@ -142,7 +143,8 @@ def _joined(files: list[Path], fmt: RobotFormat | None) -> Parsed:
 
 
 def _one_table(files: list[Path], tables: list[PoseTable]) -> PoseTable:
-    """The tables of one row each as one."""
+    """The tables of one row each as one; bare numbers are named by what all files hold."""
+    tables = _named_alike(tables)
     header = tables[0].header
     rows = []
     for path, table in zip(files, tables):
@@ -157,6 +159,14 @@ def _one_table(files: list[Path], tables: list[PoseTable]) -> PoseTable:
     return replace(
         tables[0], rows=tuple(rows), places=places, names=names, source=f"{files[0].parent} ({len(files)} files)"
     )
+
+
+def _named_alike(tables: list[PoseTable]) -> list[PoseTable]:
+    """Tables of bare numbers with one set of names: one pose alone may not tell that its rotation stands first."""
+    if not all(t.bare and len(t.header) == len(tables[0].header) for t in tables):
+        return tables
+    named = header_of([t.rows[0] for t in tables])
+    return tables if named is None else [replace(t, header=named[0], stated=named[1]) for t in tables]
 
 
 def _parse(path: Path, fmt: RobotFormat | None = None) -> Parsed:

@@ -41,6 +41,8 @@ class PoseTable:
     notes: tuple[str, ...] = ()
     keyed: bool = False
     """True when the columns were keys of a mapping, whose order says nothing."""
+    bare: bool = False
+    """True for bare numbers, whose columns have been named by their count and size alone."""
 
 
 def raw_poses(table: PoseTable) -> RawPoses:
@@ -71,7 +73,10 @@ def raw_poses(table: PoseTable) -> RawPoses:
     notes = table.notes
     if layout.passed_over:
         notes = (*notes, f"columns not used: {', '.join(layout.passed_over)}")
-    return RawPoses(numbers[:, :3], rotation, names, table.places, stated, source=table.source, notes=notes)
+    raw = RawPoses(numbers[:, :3], rotation, names, table.places, stated, source=table.source, notes=notes)
+    if not table.bare or rotation.shape[1] != 3 or np.abs(numbers).max() > FULL_TURN_DEG:
+        return raw
+    return replace(raw, rotation_first=replace(raw, translation=numbers[:, 3:], rotation=numbers[:, :3]))
 
 
 def numbers_of(table: PoseTable, columns: Sequence[int], *, bounded: bool = True) -> Array:

@@ -95,7 +95,7 @@ def _without_header(lines: Sequence[Line], places: tuple[str, ...], source: str)
         bottom_rows(turned, places)
         rows = [(*row[:lead], *cells) for row, cells in zip(rows, turned)]
         notes = (note,) if note else ()
-    return PoseTable(header, tuple(rows), places, source, names=names, stated=stated, notes=notes)
+    return PoseTable(header, tuple(rows), places, source, names=names, stated=stated, notes=notes, bare=True)
 
 
 def _stacked_matrices(lines: Sequence[Line], source: str) -> PoseTable:

@@ -38,7 +38,7 @@ def read_poses(
         >>> first.description, first.poses.T_base_gripper.shape  # doctest: +SKIP
         ('positions in mm, quaternions x y z w, T_base_gripper', (20, 4, 4))
     """
-    from calibrant.formats.poses.notations import notations
+    from calibrant.formats.poses.notations import every_notation, notations
 
     known = {f.name for group in (PoseOptions, RobotOptions) for f in spread(group)}
     unknown = sorted(set(options) - known)
@@ -46,9 +46,9 @@ def read_poses(
         raise InputError(f"read_poses has no option {unknown[0]!r}; it has {', '.join(sorted(known))}")
     named = list(words_of("files", files))
     form, arm = (build(group, options) for group in (PoseOptions, RobotOptions))
-    found = notations(form.read(named, arm))
+    raw = form.read(named, arm)
     if T_camera_target is None:
-        return found
+        return notations(raw)
     from calibrant.diagnose.conventions.decide import decide
 
-    return (decide(found, T_camera_target, setup=setup).notation,)
+    return (decide(every_notation(raw), T_camera_target, setup=setup).notation,)

@@ -156,7 +156,7 @@ def _check_list(request: ListRequest) -> None:
 def _with_images(request: ListRequest, raw: RawPoses) -> PairedData:
     from calibrant.formats.cameras.read import read_camera
     from calibrant.formats.poses.pairing import match_raw
-    from calibrant.formats.poses.read import notations
+    from calibrant.formats.poses.read import every_notation
 
     source = request.source
     files = source.files()
@@ -172,7 +172,7 @@ def _with_images(request: ListRequest, raw: RawPoses) -> PairedData:
     names = [ids[v] for v in pairing.view_index]
     inputs: list[str | Path] = [*source.inputs(files), *request.poses]
     inputs += [request.camera] if request.camera is not None else []
-    complete = tuple(r.take(pairing.pose_index, names) for r in notations(raw))
+    complete = tuple(r.take(pairing.pose_index, names) for r in every_notation(raw))
     return PairedData(
         complete, pairing.message, tuple(inputs), observations, camera, raw=raw, pose_index=tuple(pairing.pose_index)
     )
@@ -189,7 +189,7 @@ def _ids_of(observations: Observations, files: Sequence[Path]) -> list[str]:
 
 def _with_target_poses(request: ListRequest, raw: RawPoses) -> PairedData:
     from calibrant.diagnose.doctor.target_notation import decide_target_notation
-    from calibrant.formats.poses.read import notations, read_poses
+    from calibrant.formats.poses.read import every_notation, read_poses
 
     measured = request.measured
     if measured.target_poses:
@@ -204,8 +204,9 @@ def _with_target_poses(request: ListRequest, raw: RawPoses) -> PairedData:
         )
     session.load_pose_solver(request.listener)
     names, pose_index, target_index, pairing = _pair(raw, target, split_names(request.search.exclude))
-    complete = tuple(r.take(pose_index, names) for r in notations(raw))
-    of_target = [r.take(target_index, names) for r in notations(target, direction="base-gripper")]
+    complete = tuple(r.take(pose_index, names) for r in every_notation(raw))
+    target = replace(target, options=replace(target.options, direction="base-gripper"))
+    of_target = [r.take(target_index, names) for r in every_notation(target)]
     decided = decide_target_notation(complete, of_target)
     return PairedData(
         complete,

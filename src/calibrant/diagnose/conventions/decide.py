@@ -182,8 +182,10 @@ def _overruled(stated: Alternative, best: Alternative) -> Check:
     )
     # Where only the habit of rows of bare numbers speaks against it, the loop has decided and nothing is contradicted.
     order_alone = best.notation.rotation_first and len(best.notation.contradicts) == 1
-    name, status = ("rotation-first", "ok") if order_alone else ("header-overruled", "warn")
-    return Check(name, status, message, stated.loop_rms_mm / max(best.loop_rms_mm, FLOOR_MM))
+    ratio = stated.loop_rms_mm / max(best.loop_rms_mm, FLOOR_MM)
+    if order_alone:
+        return Check("rotation-first", "ok", message, ratio)
+    return Check("header-overruled", "warn", message, ratio)
 
 
 def _mismatch(chosen: Alternative, ranked: Sequence[Alternative], setup: str) -> list[Check]:

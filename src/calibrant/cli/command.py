@@ -47,8 +47,10 @@ class Command:
 
 @dataclass(frozen=True)
 class Call:
-    """What a person asked for."""
+    """What a person asked for, and the words it was asked in."""
 
+    command: Command
+    arguments: tuple[str, ...]
     request: Any
     outputs: OutputOptions
     places: Places
@@ -73,7 +75,7 @@ def parse(command: Command, arguments: Sequence[str]) -> Call:
     places = places_of(command.fields, values, getattr(command.task, "BESIDE", None))
     # A task's own --out, a page or a folder, is no place for its result.
     skins = {field.name: values[field.name] for field in output_fields(command.entry) if field.name in values}
-    return Call(request, build(OutputOptions, skins), places)
+    return Call(command, tuple(arguments), request, build(OutputOptions, skins), places)
 
 
 def _app_of(command: Command) -> App:

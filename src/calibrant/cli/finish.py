@@ -43,6 +43,11 @@ def finish(outcome: Outcome, call: Call) -> RefusedError | None:
         _show(outcome, seen, verbose=outputs.verbose)
         if written:
             sys.stdout.write(f"\nWritten: {', '.join(_listed(written))}\n")
+        if outcome.then is not None:
+            from calibrant.cli.next_command import next_command
+
+            # One line, however long: a terminal that folds it still copies it whole.
+            sys.stdout.write(f"To {outcome.then.words}:\n  {next_command(outcome.then, call)}\n")
     if outputs.quiet and outcome.result is not None:
         for line in _warnings(outcome.result):
             sys.stderr.write(f"calibrant: {line}\n")

@@ -12,6 +12,7 @@ from calibrant.cameras import Camera
 from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Check, TransformEstimate
 from calibrant.diagnose.look import Look
 from calibrant.diagnose.loop import LoopView
+from calibrant.reports.kinds.phrases import OWN_OPTIONS
 from calibrant.reports.kinds.registry import kind_of
 from calibrant.reports.parts.blocks import Block
 from calibrant.reports.parts.figures import (
@@ -27,7 +28,7 @@ from calibrant.reports.parts.numbers import Figure, plain, sigma_text
 from calibrant.reports.parts.rows import view_rows
 from calibrant.reports.scene import scene
 from calibrant.reports.view_data import page_views
-from calibrant.reports.words import OWN_OPTIONS, sorted_checks
+from calibrant.reports.words import sorted_checks
 from calibrant.reports.workspace import workspace_blocks
 
 if TYPE_CHECKING:

@@ -21,6 +21,7 @@ from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Check, TransformEs
 from calibrant.diagnose.budget.workspace import is_workspace_check
 from calibrant.diagnose.look import Look, look
 from calibrant.diagnose.loop import LoopView, by_view
+from calibrant.reports.kinds.phrases import decisions
 from calibrant.reports.kinds.registry import kind_of
 from calibrant.reports.parts.blocks import TextTable
 from calibrant.reports.parts.figures import (
@@ -37,7 +38,6 @@ from calibrant.reports.parts.numbers import Figure, plain, sigma_text
 from calibrant.reports.parts.rows import ViewRow, view_rows
 from calibrant.reports.words import (
     FEW,
-    OWN_OPTIONS,
     STATUS_WORDS,
     VERDICT_WORDS,
     sorted_checks,
@@ -78,8 +78,7 @@ def summary(at: CalibrationResult | Look, *, verbose: bool = False) -> Renderabl
     if rows:
         parts.append(_views(rows, by_view(seen.loop), name=kind.rows))
     if result.decided:
-        decided = "; ".join(f"{OWN_OPTIONS.get(name, name)}: {words}" for name, words in result.decided.items())
-        parts.append(_headed("Decided", Text(decided)))
+        parts.append(_headed("Decided", Text(decisions(result))))
     if result.checks:
         parts.append(_checks(sorted_checks(result), verbose=verbose))
     return Group(*parts, *notes(result), _verdict(result))

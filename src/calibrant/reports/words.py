@@ -9,8 +9,6 @@ from calibrant.reports.parts.rows import view_rows
 
 STATUS_WORDS = {"ok": "ok", "warn": "warning", "fail": "FAILED"}
 VERDICT_WORDS = {"ok": "GOOD", "warn": "USE WITH CARE", "refused": "DO NOT USE"}
-OWN_OPTIONS = {"pose_reading": "poses read as"}
-"""Decisions whose key is not their word."""
 FEW = 4
 """Checks that passed and are still read; more are folded."""
 _SEVERITY = {"fail": 0, "warn": 1, "ok": 2}

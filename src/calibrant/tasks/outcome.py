@@ -34,6 +34,15 @@ class Answer:
     text: Callable[[], str]
 
 
+@dataclass(frozen=True)
+class NextStep:
+    """What to do next, in words, and the command that does it: with the arguments that this one was given, and more."""
+
+    words: str
+    command: str
+    more: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
     """The end of a task.
@@ -43,7 +52,7 @@ class Outcome:
     beside: documents that accompany the result file, where one is written; their paths are file names alone.
     summary, page: a terminal's words (Rich renderables, texts, and results, which are told as every result is; a tuple
     of several in their order) and an HTML page, where they are not those that every result has.
-    refusal: raised when all is shown and written: the task did its work, and its answer is no.
+    then: what to do next. refusal: raised when all is shown and written: the task did its work, and its answer is no.
     """
 
     result: CalibrationResult | None = None
@@ -52,6 +61,7 @@ class Outcome:
     beside: tuple[Document, ...] = ()
     summary: Callable[[], Any] | None = None
     page: Callable[[], str] | None = None
+    then: NextStep | None = None
     refusal: RefusedError | None = None
 
     def noted(self, notes: Sequence[str]) -> Outcome:

@@ -44,7 +44,15 @@ def faulty(tmp_path: Path, scene: HandEyeScene) -> list[str]:
 def test_clean_data(tmp_path: Path, scene: HandEyeScene, capsys: pytest.CaptureFixture[str]) -> None:
     given = files(tmp_path, scene.robot_poses.T_base_gripper, scene.measured_T_camera_target)
     assert run(["doctor", *given]) == 0
-    assert "nothing wrong found" in capsys.readouterr().out
+    text = capsys.readouterr().out
+    assert "nothing wrong found" in text
+    assert "Verdict: FIT." in text
+    assert text.endswith("hand-eye.html\n")
+    # What is to be run next can be copied as it stands.
+    command = text.splitlines()[-1].split()
+    assert command[:2] == ["calibrant", "hand-eye"]
+    assert run([*command[1:-4], "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["kind"] == "hand-eye"
 
 
 def test_faults_are_named_and_the_status_is_1(
@@ -59,6 +67,11 @@ def test_faults_are_named_and_the_status_is_1(
     assert "proposed: number its corners from the other end" in text.out
     assert text.err.startswith("calibrant: the data are not fit for calibration: poses-shifted")
     assert "--apply" in text.err
+    assert "Verdict: REPAIR FIRST. poses-shifted, board-flipped." in text.out
+    assert re.search(r"all views, as given +[\d.]+ mm", text.out)
+    assert re.search(r"all views, repaired +[\d.]+ mm", text.out)
+    assert re.search(r"the views that agree best +[\d.]+ mm", text.out)
+    assert text.out.splitlines()[-1].endswith("--apply --out repaired.json --report repaired.html")
     found = json.loads(out.read_text())["details"]["faults"]["found"]
     assert [f["name"] for f in found] == ["poses-shifted", "board-flipped"]
     assert found[1]["views"] == ["4.png"]
@@ -69,6 +82,20 @@ def test_faults_are_named_and_the_status_is_1(
     assert re.search(r"https?:", page) is None
     assert "default-src 'none'" in page
     assert {p: p.read_bytes() for p in before} == before  # nothing that was read is touched
+
+
+def test_a_warning_with_a_cure_is_a_fault_that_stands(
+    tmp_path: Path, scene: HandEyeScene, capsys: pytest.CaptureFixture[str]
+) -> None:
+    B = scene.measured_T_camera_target.copy()
+    B[4] = flipped_board(scene.points, B[4])
+    given = files(tmp_path, scene.robot_poses.T_base_gripper, B)
+    assert run(["doctor", *given]) == 1
+    text = capsys.readouterr()
+    assert text.err == "calibrant: found and not repaired: board-flipped; --apply calibrates from repaired data\n"
+    assert "Verdict: REPAIR FIRST." in text.out
+    command = text.out.splitlines()[-1].split()
+    assert run([*command[1:-4], "--quiet"]) == 0
 
 
 def test_hand_eye_refuses_what_the_doctor_calls_a_fault(faulty: list[str], capsys: pytest.CaptureFixture[str]) -> None:

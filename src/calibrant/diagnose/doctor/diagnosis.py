@@ -16,6 +16,7 @@ from calibrant.data.details import Deviations, Fault, Faults, LoopSpread, ViewDe
 from calibrant.diagnose.conventions.hypotheses import Setup
 from calibrant.diagnose.doctor.evidence.case import Case, case_of_poses, case_of_views
 from calibrant.diagnose.doctor.evidence.finding import Finding
+from calibrant.diagnose.doctor.evidence.loop import Loop
 from calibrant.diagnose.doctor.faults.timing import times_of
 from calibrant.diagnose.doctor.numbering import finding, numbering_of
 from calibrant.diagnose.doctor.pose_notation import PoseDecision, decide_poses
@@ -153,7 +154,9 @@ def as_result(diagnosis: Diagnosis) -> CalibrationResult:
     )
     examination = diagnosis.examination
     figures: dict[str, Measured] = {}
-    for name, loop in (("loop_before", examination.before), ("loop_after", examination.after)):
+    agreeing = _reading_loop(diagnosis.poses)
+    loops = (("loop_before", examination.before), ("loop_after", examination.after), ("loop_agreeing", agreeing))
+    for name, loop in loops:
         if loop is not None:
             figures |= {f"{name}_mm": Measured(loop.mm, unit="mm"), f"{name}_deg": Measured(loop.deg, unit="deg")}
     return CalibrationResult(
@@ -166,6 +169,13 @@ def as_result(diagnosis: Diagnosis) -> CalibrationResult:
         details=(faults(diagnosis.findings), *_deviations(examination)),
         robot_poses=RobotPoses(data.ids, data.T_base_gripper),
     )
+
+
+def _reading_loop(poses: PoseDecision) -> Loop | None:
+    """The loop that decided how the poses are read: over the views that agree best."""
+    read = poses.decision
+    same = (a for a in read.alternatives if a.notation is read.notation and a.setup == read.setup)
+    return next(map(Loop.of, same), None)
 
 
 def faults(findings: Sequence[Finding]) -> Faults:

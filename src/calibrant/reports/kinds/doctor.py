@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from calibrant.data import CalibrationResult
 from calibrant.data.details import Deviations, Fault, Faults
 from calibrant.reports.kinds.kind import Kind
+from calibrant.reports.kinds.phrases import decisions
 from calibrant.reports.parts.blocks import Block, Column, TextTable, bars
 from calibrant.reports.parts.figures import Fact
 
@@ -18,6 +19,14 @@ if TYPE_CHECKING:
 FINDING_WORDS = {"ok": "noted", "warn": "warning", "fail": "FAULT"}
 FINDING_STYLES = {"ok": "", "warn": "yellow", "fail": "bold red"}
 NOTHING = "nothing wrong found"
+LOOPS = {
+    "before": "all views, as given",
+    "after": "all views, repaired",
+    "agreeing": "the views that agree best",
+}
+"""What each loop is over; those that agree best tell how the poses are read. The figures differ where a few views are
+worse than the others."""
+VERDICT_STYLES = {"ok": "bold green", "warn": "bold yellow", "refused": "bold red"}
 
 
 def faults(result: CalibrationResult) -> tuple[Fault, ...]:
@@ -49,15 +58,40 @@ def _headline(result: CalibrationResult) -> list[Fact]:
 
 
 def _answer(result: CalibrationResult) -> str:
-    return "Nothing wrong found." if not faults(result) else ""
+    if not faults(result):
+        return "Nothing wrong found."
+    before, after = _loop(result, "before"), _loop(result, "after")
+    repaired = f": the loop then closes to {after} instead of {before}" if after != before else ""
+    return f"The data can be repaired{repaired}." if any(f.proposal for f in faults(result)) else ""
+
+
+def verdict(result: CalibrationResult) -> tuple[str, str]:
+    """What is to be done with the data, in a word and in a sentence."""
+    found = faults(result)
+    hopeless = [f.name for f in found if f.status == "fail" and not f.proposal]
+    curable = [f.name for f in found if f.status != "ok" and f.proposal]
+    before, after = _loop(result, "before"), _loop(result, "after")
+    if hopeless:
+        return "NOT FIT", f"{_names(hopeless)}: no repair of the data cures that; see what was found."
+    if curable:
+        loop = f" Repaired, the loop closes to {after} instead of {before}." if after and after != before else ""
+        return "REPAIR FIRST", f"{_names(curable)}.{loop}"
+    doubts = [f.name for f in found if f.status == "warn"]
+    if doubts:
+        return "FIT, WITH CARE", f"{_names(doubts)}: nothing to repair; see what was found."
+    return "FIT", "Nothing wrong found."
+
+
+def _names(names: list[str]) -> str:
+    return ", ".join(dict.fromkeys(names))
 
 
 def _terminal(result: CalibrationResult) -> list[RenderableType]:
-    """What was found, the worst first, each with its confidence and what to do."""
+    """What was found, the worst first, each with its confidence and what to do; the loops; the verdict last."""
     from rich.padding import Padding
     from rich.text import Text
 
-    parts: list[RenderableType] = [Text("Doctor", style="bold"), Text(_reading(result)), Text()]
+    parts: list[RenderableType] = [Text("Doctor", style="bold"), Text(decisions(result)), Text()]
     for f in faults(result):
         heading = f"{FINDING_WORDS[f.status]}  {f.name}  (confidence {confidence(f.confidence)})"
         parts.append(Text(heading, style=FINDING_STYLES[f.status]))
@@ -66,11 +100,16 @@ def _terminal(result: CalibrationResult) -> list[RenderableType]:
             parts.append(Padding(Text(f"proposed: {f.proposal}"), (0, 0, 0, 4)))
     if not faults(result):
         parts.append(Text(NOTHING, style="green"))
-    before, after = _loop(result, "before"), _loop(result, "after")
-    if before and after:
-        text = f"the loop closes to {before} rms"
-        parts.append(Text(text if before == after else f"{text} as given, to {after} repaired"))
-    return parts
+    loops = [(name, loop) for when, name in LOOPS.items() if (loop := _loop(result, when))]
+    if _loop(result, "before") == _loop(result, "after"):
+        loops = [("all views", loop) for _, loop in loops[:1]] + loops[2:]
+    if loops:
+        width = max(len(name) for name, _ in loops)
+        lines = "\n".join(f"  {name:{width}}  {loop}" for name, loop in loops)
+        parts += [Text(), Text(f"The loop, rms\n{lines}")]
+    word, sentence = verdict(result)
+    style = VERDICT_STYLES[result.verdict]
+    return [*parts, Text(), Text.assemble((f"Verdict: {word}.", style), f" {sentence}")]
 
 
 def _reading(result: CalibrationResult) -> str:

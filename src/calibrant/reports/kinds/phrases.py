@@ -10,6 +10,13 @@ from calibrant.reports.parts.numbers import plain, sigma_text
 from calibrant.reports.parts.rows import view_rows
 
 _FOCAL = ("fx", "fy", "f")
+OWN_OPTIONS = {"pose_reading": "poses read as"}
+"""Decisions whose key is not their word."""
+
+
+def decisions(result: CalibrationResult) -> str:
+    """What was chosen where the request left it open."""
+    return "; ".join(f"{OWN_OPTIONS.get(name, name)}: {words}" for name, words in result.decided.items())
 
 
 def first_transform(result: CalibrationResult) -> str:

@@ -18,7 +18,7 @@ from calibrant.tasks.options.option import Option
 from calibrant.tasks.options.poses import PoseOptions, TargetPoseOptions
 from calibrant.tasks.options.robots import RobotOptions
 from calibrant.tasks.options.words import split_names
-from calibrant.tasks.outcome import Document, Outcome
+from calibrant.tasks.outcome import Document, NextStep, Outcome
 from calibrant.tasks.robots import hand_eye_list
 from calibrant.tasks.robots.hand_eye_list import ListRequest, PairedData
 
@@ -37,7 +37,8 @@ class Request:
     calibrant doctor --images photos/*.png --poses poses.csv --target chessboard:9x6:25mm
 
     Proposes a repair for each fault and shows how the loop closes before and after it. Nothing is changed: --apply
-    calibrates from the repaired data and writes new files. Exit status 1 when a fault stands unrepaired.
+    calibrates from the repaired data and writes new files. Exit status 1 when a fault, or anything else that a repair is
+    proposed for, stands unrepaired.
     """
 
     poses: Annotated[tuple[str, ...], Option("FILES")]
@@ -80,7 +81,7 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
         diagnosis = hand_eye_list.diagnose(data, asked)
     found = stamp(replace(as_result(diagnosis), inputs=session.file_records(data.files)))
     if not request.apply:
-        return Outcome(result=found, refusal=_refusal(diagnosis))
+        return Outcome(result=found, then=_then(diagnosis), refusal=_refusal(diagnosis))
     seen = look(found)
     try:
         with listener.status("Calibrating from the repaired data …"):
@@ -149,13 +150,30 @@ def _page(seen: Look) -> str:
 
 
 def _refusal(diagnosis: Diagnosis) -> RefusedError | None:
-    """What is said when faults stand unrepaired; None where there are none."""
-    failed = [f for f in diagnosis.findings if f.status == "fail"]
-    if not failed:
+    """What is said when faults, or warnings with a cure, stand unrepaired; None where there are none."""
+    standing = [f for f in diagnosis.findings if f.status == "fail" or (f.status == "warn" and f.proposal)]
+    if not standing:
         return None
-    names = ", ".join(dict.fromkeys(f.name for f in failed))
-    cure = "; --apply calibrates from repaired data" if all(f.proposal for f in failed) else ""
-    return RefusedError(f"the data are not fit for calibration: {names}{cure}")
+    names = ", ".join(dict.fromkeys(f.name for f in standing))
+    told = "found and not repaired" if diagnosis.sound else "the data are not fit for calibration"
+    cure = "; --apply calibrates from repaired data" if _is_repairable(diagnosis) else ""
+    return RefusedError(f"{told}: {names}{cure}")
+
+
+def _is_repairable(diagnosis: Diagnosis) -> bool:
+    """Whether --apply has something to repair, and no fault is left that only a person can cure."""
+    cured = [f for f in diagnosis.findings if f.proposal and (f.repair is not None or f in diagnosis.poses.findings)]
+    return bool(cured) and all(f.proposal for f in diagnosis.findings if f.status == "fail")
+
+
+def _then(diagnosis: Diagnosis) -> NextStep | None:
+    """The command that calibrates: from the repaired data where they are, from the data where nothing stands."""
+    if _is_repairable(diagnosis):
+        files = ("--apply", "--out", "repaired.json", "--report", "repaired.html")
+        return NextStep("calibrate from the repaired data", "doctor", files)
+    if diagnosis.sound:
+        return NextStep("calibrate", "hand-eye", ("--out", "hand-eye.json", "--report", "hand-eye.html"))
+    return None
 
 
 def csv_text(poses: RobotPoses) -> str:

@@ -37,8 +37,8 @@ class Request:
     calibrant doctor --images photos/*.png --poses poses.csv --target chessboard:9x6:25mm
 
     Proposes a repair for each fault and shows how the loop closes before and after it. Nothing is changed: --apply
-    calibrates from the repaired data and writes new files. Exit status 1 when a fault, or anything else that a repair is
-    proposed for, stands unrepaired.
+    calibrates from the repaired data and writes new files. Exit status 1 while a fault stands, or a warning that a
+    repair is proposed for.
     """
 
     poses: Annotated[tuple[str, ...], Option("FILES")]

@@ -10,6 +10,7 @@ from calibrant.calibrate.intrinsics.target_shape import FLAT
 from calibrant.calibrate.review.review import review
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Observations
+from calibrant.data.verdicts import refuse_if_failed
 from calibrant.errors import InputError
 
 
@@ -46,8 +47,15 @@ def calibrate_intrinsics(
             "calibrant.intrinsics takes photos"
         )
     if model == AUTO:
-        return review(calibrate_auto(observations, fix=fix, initial=initial, max_error_px=max_error_px))
+        return _reviewed(calibrate_auto(observations, fix=fix, initial=initial, max_error_px=max_error_px))
     kept = calibrate_keeping(
         observations, model=model, fix=fix, initial=initial, max_error_px=max_error_px, target_shape=target_shape
     )
-    return review(kept.result)
+    return _reviewed(kept.result)
+
+
+def _reviewed(result: CalibrationResult) -> CalibrationResult:
+    """The result, reviewed. Raises: RefusedError, which holds it, where its own observations speak against it."""
+    reviewed = review(result)
+    refuse_if_failed(reviewed)
+    return reviewed

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from calibrant.calibrate.review.coverage import covered, with_coverage_checks
+from calibrant.calibrate.review.of_views import with_view_checks
 from calibrant.calibrate.review.residuals import fitted_poses, structure_check, view_residuals
 from calibrant.data import CalibrationResult, Check, verdict_of
 
@@ -27,7 +28,7 @@ def review(result: CalibrationResult) -> CalibrationResult:
     alone = len(result.cameras) == 1
     asked = [c if alone else replace(c, name=f"{c.name}-{name}") for name, c in structures.items()]
     checks = (*result.checks, *(c for c in asked if c.name not in known))
-    reviewed = replace(result, checks=checks, verdict=verdict_of(checks))
+    reviewed = with_view_checks(replace(result, checks=checks, verdict=verdict_of(checks)), poses)
     if not result.is_about_cameras:
         return reviewed
     return with_coverage_checks(reviewed, covered(reviewed, poses, residuals, structures))

@@ -1,0 +1,118 @@
+"""Ways to part views in two groups that may have been taken by different lenses, and how many of each kind there are.
+
+Three families, each with a third of the false alarms: what a person would ask first (names, every second view), cuts of
+the order, and any parting at all that the views' own scores propose. The last could be any of 2^(n - 1), and pays so.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import PurePath
+
+import numpy as np
+
+from calibrant.arrays import Mask
+from calibrant.calibrate.review.view_scores import (
+    CENTRE,
+    ZOOM,
+    OwnLenses,
+    ViewScores,
+    estimate,
+    everywhere,
+    kept_columns,
+)
+
+FEWEST = 3
+"""Views of a group: with two, their scatter has one degree of freedom and proves nothing."""
+FAMILIES = 3
+_MOST_NAMES = 6
+"""More name patterns than this are no groups but names."""
+_MOST_CUTS = 4
+"""Cuts of the order that are looked at closely: the ones that part the views most."""
+_ROUNDS = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Split:
+    """A parting of the views: second (n,) is true for one group. tried: how many of its kind there are."""
+
+    second: Mask
+    tried: float
+    kind: str
+
+
+def named_splits(names: Sequence[str]) -> list[Split]:
+    """By what names have beside their numbers (left01, right01; folders), each against the rest, and every second."""
+    n = len(names)
+    patterns = [_pattern(name) for name in names]
+    found = list(dict.fromkeys(patterns))
+    masks = [np.arange(n) % 2 == 1]
+    if 2 <= len(found) <= _MOST_NAMES:
+        parts = [np.array([p == pattern for p in patterns]) for pattern in found]
+        masks += parts[1:] if len(parts) == 2 else parts
+    masks = [m for m in masks if _large_enough(m)]
+    return [Split(m, FAMILIES * len(masks), "named") for m in masks]
+
+
+def _pattern(name: str) -> str:
+    """A file's folder and name with its numbers blanked: what tells series apart."""
+    path = PurePath(name)
+    return f"{path.parent}/{re.sub(r'[0-9]+', '#', path.stem)}"
+
+
+def _large_enough(second: Mask) -> bool:
+    return FEWEST <= int(second.sum()) <= len(second) - FEWEST
+
+
+def ordered_splits(scores: ViewScores, own: tuple[str, ...]) -> list[Split]:
+    """Cuts of the order that part the views most."""
+    n = len(scores)
+    cuts = [np.arange(n) >= at for at in range(FEWEST, n - FEWEST + 1)]
+    return [Split(m, FAMILIES * len(cuts), "order") for m in _strongest(scores, cuts, own)[:_MOST_CUTS]]
+
+
+def clustered_splits(scores: ViewScores, own: tuple[str, ...], lenses: OwnLenses) -> list[Split]:
+    """The parting that the views' own scales and shifts propose, each view moved to where it fits until none moves."""
+    columns = [0] if own == (ZOOM,) else [1, 2]
+    best: list[Mask] = []
+    for column in columns:
+        rank = np.argsort(np.argsort(lenses.value[:, column]))
+        cuts = [rank >= at for at in range(FEWEST, len(scores) - FEWEST + 1)]
+        best += _strongest(scores, cuts, own)[:1]
+    out = [_settled(scores, second, own) for second in best]
+    return [Split(m, FAMILIES * 2.0 ** (len(scores) - 1), "any") for m in out if _large_enough(m)]
+
+
+def _strongest(scores: ViewScores, masks: Sequence[Mask], own: tuple[str, ...]) -> list[Mask]:
+    """The masks in the order of how much they explain."""
+    columns, mine = kept_columns(scores, *own)
+    squares = []
+    for mask in masks:
+        found = estimate(scores, columns, everywhere(scores, columns, mine, mask))
+        squares.append(0.0 if found is None else found.chi_square(mine))
+    return [masks[i] for i in np.argsort(squares)[::-1]]
+
+
+def _settled(scores: ViewScores, second: Mask, own: tuple[str, ...]) -> Mask:
+    """The parting once every view is in the group whose lens leaves it the smaller residual."""
+    columns, mine = kept_columns(scores, *own)
+    gram = scores.gram[:, columns[:, None], columns]
+    right = scores.gram[:, columns, -1]
+    for _ in range(_ROUNDS):
+        found = estimate(scores, columns, everywhere(scores, columns, mine, second))
+        if found is None or not _large_enough(second):
+            return second
+        with_own, without = found.value, found.value.copy()
+        without[mine] = 0.0
+        cost = [np.einsum("nij,i,j->n", gram, x, x) + 2 * right @ x for x in (without, with_own)]
+        moved = cost[1] < cost[0]
+        if np.array_equal(moved, second):
+            break
+        second = moved
+    return second
+
+
+CHOICES: tuple[tuple[str, ...], ...] = ((ZOOM,), (CENTRE,))
+"""What two lenses may differ in, asked one after the other: together they would need more views."""

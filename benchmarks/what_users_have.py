@@ -27,6 +27,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 from users import hand_eye, intrinsics
+from users.promises import promises
 from users.runs import Figures, Run, figures
 
 HEAD = (
@@ -36,12 +37,15 @@ HEAD = (
 
 
 def named(words: list[str] | None) -> list[Any]:
-    """Conditions whose name holds, matches or ends in one of the words; an exact last part goes before parts of it."""
+    """Conditions that a word names, or whose names it is a part of where it names none."""
     every = [*intrinsics.conditions(), *(c for c in hand_eye.conditions() if c.possible)]
     if not words:
         return every
-    exact = [c for c in every if any(c.name == w or c.name.split("/")[1] == w for w in words)]
-    return exact or [c for c in every if any(w in c.name or fnmatch(c.name, w) for w in words)]
+    chosen: list[Any] = []
+    for w in words:
+        exact = [c for c in every if w in (c.name, c.name.split("/")[1])]
+        chosen += exact or [c for c in every if w in c.name or fnmatch(c.name, w)]
+    return [c for c in every if c in chosen]
 
 
 def run(condition: Any, seed: int) -> Run:
@@ -98,11 +102,13 @@ def main() -> None:
     else:
         run(chosen[0], 0)  # compiled, before any time is taken
         found = list(tables(chosen, range(options.first, options.first + options.seeds)))
-        total, silent = sum(f.runs for f in found), sum(f.silent for f in found)
-        print(f"\n{silent} of {total} silent ({100 * silent / total:.2f} %)")
+        print()
         for f in found:
             if f.silent:
-                print(f"  {f.name}: seeds {' '.join(map(str, f.silent_seeds[:20]))}")
+                print(f"silent: {f.name}, seeds {' '.join(map(str, f.silent_seeds[:20]))}")
+        kinds = {k: frozenset(c.name for c in chosen if getattr(c, k, False)) for k in ("known", "clean", "told")}
+        for words, kept, why in promises(found, kinds):
+            print(f"{'PASS' if kept else 'NO  '} {words}{f': {why}' if why else ''}")
         if options.json:
             options.json.write_text(json.dumps([asdict(f) for f in found], indent=1, default=float), encoding="utf-8")
 

@@ -15,8 +15,14 @@ from users.rigid import Array
 REGION = {4: 18.467, 6: 22.458}
 """99.9 % of chi-square with 4 and 6 degrees of freedom."""
 NINETY_FIVE = 1.95996
-ADVICE = frozenset({"corner-coverage", "tilt-range", "views", "focal-length"})
-"""Checks that advise other photos and say nothing against these: a wrong result that they alone warn of is hidden."""
+ADVICE = frozenset(
+    {
+        "corner-coverage", "image-coverage", "tilt-range", "distance-range", "views", "focal-length",
+        "poses", "small-rotations", "parallel-axes", "held-out",
+    }
+)  # fmt: skip
+"""Checks that ask for other photos or poses and say nothing against these: a wrong result that they alone warn of is
+hidden, a right one that they warn of was asked for something to do."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +117,8 @@ class Figures:
     growth: float
     growth_ok: float
     warned: dict[str, int]
+    for_nothing: int
+    """Results that are warned of by more than advice."""
     ms: float
 
 
@@ -144,5 +152,6 @@ def figures(name: str, runs: Sequence[Run]) -> Figures:
         each(answered, lambda r: r.growth, np.median),
         each(ok, lambda r: r.growth, np.median),
         dict(Counter(name for r in runs for name in set(r.warned)).most_common()),
+        sum(r.verdict == "warn" and not set(r.warned) <= ADVICE for r in runs),
         each(list(runs), lambda r: r.ms, np.median),
     )

@@ -98,6 +98,20 @@ class FreeTarget:
 
 
 @dataclass(frozen=True)
+class SharedErrors:
+    """How much wider sigma is for errors that points share: `times` in all; by view, board point, place in the image.
+
+    independent_sigma: what each parameter's sigma were if all points erred independently.
+    """
+
+    times: float
+    by_view: float
+    by_point: float
+    by_place: float
+    independent_sigma: Mapping[str, float]
+
+
+@dataclass(frozen=True)
 class LoopSpread:
     """How far a loop of poses is from closing, rms."""
 
@@ -202,6 +216,7 @@ DETAILS: Mapping[str, type] = {
     "model_choice": ModelChoice,
     "bent_target": BentTarget,
     "free_target": FreeTarget,
+    "shared_errors": SharedErrors,
     "faults": Faults,
     "deviations": Deviations,
     "touched_point": TouchedPoint,

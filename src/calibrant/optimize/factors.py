@@ -140,6 +140,22 @@ class Factor(ABC):
         H, g = self._sum(J_t @ J), self._sum((J_t @ (root * r)[:, :, None])[:, :, 0])
         return FactorBlocks(cost, H, g, tuple(np.cumsum([j.shape[2] for j in jacobians]).tolist()))
 
+    def influence(
+        self, across: Sequence[Array | None], values: Sequence[Array], *, weight: Array
+    ) -> tuple[Array, Array]:
+        """weight J across^T summed over the slots, (N, dim, p), and the weighted residuals, (N, dim), of every block.
+
+        Args: across, (m or 1, p, k) for each slot and its edges, None where the slot is held; weight (N,).
+        """
+        r, jacobians = self.linearize(*values)
+        counts = 1 if self.row_offsets is None else np.diff(self.row_offsets)
+        edge = np.repeat(np.arange(self.edges), counts)
+        out = np.zeros((*r.shape, next(a.shape[1] for a in across if a is not None)))
+        for J, a in zip(jacobians, across):
+            if a is not None:
+                out += np.einsum("nij,nkj->nik", J, a[edge] if len(a) > 1 else a)
+        return weight[:, None, None] * out, weight[:, None] * r
+
     def whitened_norms(self, values: Sequence[Array], *, sigma: float) -> Array:
         """Norm (N,) of every residual block in units of its sigma."""
         r = self.residuals(*values)

@@ -5,7 +5,8 @@ Closed-form start (Zhang 2000), then every parameter and every pose in one least
     min sum_ij |project(theta, T_camera_target_i p_j) - uv_ij|^2 / sigma^2,
 
 solved once on all points, judged, and solved again without what does not belong. The noise is estimated from the
-residuals, sigma^2 = sum r^2 / (2 N - unknowns), and the covariance is the inverse of the normal matrix times it.
+residuals, sigma^2 = sum r^2 / (2 N - unknowns); the covariance is the inverse of the normal matrix times it, and what
+the points of a view, a dot of the board and a place in the image share (see `shared_errors`).
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from calibrant.calibrate.classical.planar import PlaneViews
 from calibrant.calibrate.intrinsics.checks import intrinsics_checks, require_conditions
 from calibrant.calibrate.intrinsics.fit import Fit, Start, fit_and_clean, refine
 from calibrant.calibrate.intrinsics.linearity import better_of_two, linearity_check
+from calibrant.calibrate.intrinsics.shared_errors import shared_errors, shared_errors_check
 from calibrant.calibrate.intrinsics.target_shape import FLAT, Flat, shape_of, with_noise
 from calibrant.calibrate.intrinsics.wide_lens import model_check, refuse_wide_lens
 from calibrant.calibrate.reprojection.factor import StackedViews, stack
@@ -245,12 +247,13 @@ def _intrinsics_result(
             + ". Tilt the board 20 to 45 degrees in different directions, or fix these parameters"
         )
     sigma_px = float(np.sqrt(weighted.sum() / freedom))
-    covariance = solution.covariance("camera") * sigma_px**2
+    covariance, shared = shared_errors(solution, kind, fit.views, fit.stacked, image_size=image_size, sigma_px=sigma_px)
     camera = Camera(kind, image_size, solution.value("camera")[0], covariance)
     rms_px = float(np.sqrt(squares.mean()))
     view_results = _intrinsics_views(observations.views, fit, marked, too_small, squares)
     checks = (
         *intrinsics_checks(camera, solution, view_results, rms_px, marked),
+        shared_errors_check(shared),
         linearity_check(camera, fit.stacked, solution.value("T_camera_target"), sigma_px),
         *fit.checks,
         *model_check(camera, fit.stacked, rms_px),
@@ -267,7 +270,7 @@ def _intrinsics_result(
             options=_options(kind, fix, max_error_px, initial),
             observations=observations,
         )
-    )
+    ).with_detail(shared)
     refuse_if_failed(result)
     return result
 

@@ -177,13 +177,39 @@ class ReprojectionFactor(Factor):
             jacobians.append(J_point @ directions)
         return uv - self.views.uv, tuple(jacobians)
 
+    def influence(
+        self, across: Sequence[Array | None], values: Sequence[Array], *, weight: Array
+    ) -> tuple[Array, Array]:
+        """Of every point: weight J across^T summed over the slots, (N, 2, p), and its weighted residual, (N, 2).
+
+        Args: across, (m or 1, p, k) of each slot, None for a held one; weight (N,). One compiled pass over the views.
+        """
+        from calibrant.calibrate.reprojection import influence_kernels
+
+        k, p = len(self.links), next(a.shape[1] for a in across if a is not None)
+        M = np.zeros((self.edges, p, self._width))
+        for a, chart in zip(across[:k], link_maps(self.links, self._split(values)[0])):
+            if a is not None:  # the chart moves by `chart` times the link's tangent
+                M[:, :, :6] += a @ np.swapaxes(chart, -1, -2)
+        first = 6
+        for a in across[k:]:
+            if a is not None:
+                M[:, :, first : first + a.shape[2]] = a
+            first += len(self.model.parameter_names)
+        out, e = np.empty((*self.views.uv.shape, p)), np.empty_like(self.views.uv)
+        influence_kernels.influence_rows(
+            *self._kernel_arguments(values, self.T_camera_target(*values)), weight, self.views.offsets, M, out, e
+        )
+        return out, e
+
     def _project(self, parameters: Array, p: Array) -> tuple[Array, Array, Array]:
         k = len(self.model.parameter_names)
+        if len(parameters) == 1:
+            return self.model.project_with_jacobians(parameters[0], p)
         uv, J_point, J_camera = np.empty((len(p), 2)), np.empty((len(p), 2, 3)), np.empty((len(p), 2, k))
         for edge in range(self.edges):
             s = slice(self.views.offsets[edge], self.views.offsets[edge + 1])
-            a = parameters[edge if len(parameters) > 1 else 0]
-            uv[s], J_point[s], J_camera[s] = self.model.project_with_jacobians(a, p[s])
+            uv[s], J_point[s], J_camera[s] = self.model.project_with_jacobians(parameters[edge], p[s])
         return uv, J_point, J_camera
 
     def blocks(self, values: Sequence[Array], *, sigma: float) -> FactorBlocks:

@@ -45,6 +45,7 @@ from calibrant.data.details import (
     PlannedPose,
     RobotParameter,
     RobotParameters,
+    SharedErrors,
     TouchedPoint,
     ViewDeviation,
     ViewPlan,
@@ -64,6 +65,7 @@ def details() -> tuple[object, ...]:
         BentTarget((0.1 + 0.2, -1.5), (1 / 3, 0.1), 0.5),
         FreeTarget(2, 0.1, 1 / 3, 0.5, 0.01, {"0": (0.1, 0.2, 1 / 7), "1": (0.0, 0.0, -0.5)}),
         ModelChoice((ModelCandidate("brown", 9, 0.1, 0.2, -1.5), ModelCandidate("tilted", 0, reason="no"))),
+        SharedErrors(2.0, 1.5, 1 / 3, 1.0, {"fx": 0.1 + 0.2}),
         Faults(
             (
                 Fault(

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from calibrant.arrays import Array
 from calibrant.calibrate.review.residuals import ViewResiduals, fitted_poses, structure_check, view_residuals
 from calibrant.data import CalibrationResult, Check
+from calibrant.data.details import SharedErrors
 from calibrant.errors import InputError
 from calibrant.geometry import se3
 
@@ -113,7 +114,11 @@ def covered(
             spread = board_spread([poses[camera, v.id] for v in posed], [v.points.mean(axis=0) for v in posed])
             structure = (structures or {}).get(camera)
             if structure is None:
-                structure = structure_check(tuple(r for r in residuals if r.camera == camera), image_size=size)
+                structure = structure_check(
+                    tuple(r for r in residuals if r.camera == camera),
+                    image_size=size,
+                    held=result.detail(SharedErrors) is not None,
+                )
             checks += (*spread_checks(spread), structure)
         out.append(CameraCoverage(camera, size, coverage, checks))
     return tuple(out)

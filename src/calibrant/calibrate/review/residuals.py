@@ -114,11 +114,11 @@ def _residuals_of(result: CalibrationResult, poses: Mapping[tuple[str, str], Arr
     return ((v, found[v.camera, v.id]) for v in views if (v.camera, v.id) in found)
 
 
-def structure_check(views: tuple[ViewResiduals, ...], *, image_size: tuple[int, int]) -> Check:
+def structure_check(views: tuple[ViewResiduals, ...], *, image_size: tuple[int, int], held: bool = False) -> Check:
     """Whether the residuals of the used views look random, and what it means when they do not.
 
     The value is the share of the residuals' variance that a place in the image, or a neighbour, explains.
-    Args: views of one camera; image_size (width, height) px.
+    Args: views of one camera; image_size (width, height) px; held: the stated covariance counts what neighbours share.
     """
     kept = [_standardised(v) for v in views if v.used and len(v.uv) >= 3]
     count = sum(len(uv) for uv, _ in kept)
@@ -133,6 +133,9 @@ def structure_check(views: tuple[ViewResiduals, ...], *, image_size: tuple[int, 
             "is too simple for this lens; free more distortion terms or take another model"
         )
         return Check("residual-structure", "warn", message, share)
+    if p_neighbour < _SIGNIFICANCE and neighbour > _LEAST_SHARE and held:
+        message = f"neighbouring points err alike (correlation {neighbour:.2f}), and every sigma holds it"
+        return Check("residual-structure", "ok", message, neighbour)
     if p_neighbour < _SIGNIFICANCE and neighbour > _LEAST_SHARE:
         message = (
             f"neighbouring points err alike (correlation {neighbour:.2f}), so the stated uncertainties are too small: "

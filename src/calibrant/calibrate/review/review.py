@@ -8,6 +8,7 @@ from calibrant.calibrate.review.coverage import covered, with_coverage_checks
 from calibrant.calibrate.review.of_views import with_view_checks
 from calibrant.calibrate.review.residuals import fitted_poses, structure_check, view_residuals
 from calibrant.data import CalibrationResult, Check, verdict_of
+from calibrant.data.details import SharedErrors
 
 
 def review(result: CalibrationResult) -> CalibrationResult:
@@ -20,11 +21,12 @@ def review(result: CalibrationResult) -> CalibrationResult:
     known = {c.name for c in result.checks}
     poses = fitted_poses(result)
     residuals = view_residuals(result, poses)
+    held = result.detail(SharedErrors) is not None
     structures: dict[str, Check] = {}
     for name, camera in result.cameras.items():
         mine = tuple(v for v in residuals if v.camera == name)
         if mine:
-            structures[name] = structure_check(mine, image_size=camera.image_size)
+            structures[name] = structure_check(mine, image_size=camera.image_size, held=held)
     alone = len(result.cameras) == 1
     asked = [c if alone else replace(c, name=f"{c.name}-{name}") for name, c in structures.items()]
     checks = (*result.checks, *(c for c in asked if c.name not in known))

@@ -64,17 +64,22 @@ class ConventionDecision:
 
 
 def decide(
-    notations: Sequence[PoseNotation], T_camera_target: ArrayLike, *, setup: Setup | Literal["auto"] = "auto"
+    notations: Sequence[PoseNotation],
+    T_camera_target: ArrayLike,
+    *,
+    setup: Setup | Literal["auto"] = "auto",
+    free_scale: bool = False,
 ) -> ConventionDecision:
     """Decide among notations and setups by the data.
 
     Args: notations, the most believable first (formats.poses.notations); T_camera_target (n, 4, 4), metres, a target
-    pose for each robot pose; setup, eye-in-hand or eye-to-hand when the user knows it.
+    pose for each robot pose; setup, eye-in-hand or eye-to-hand when the user knows it; free_scale, the target's
+    lengths are in an unknown unit.
     Raises: InputError when the numbers of poses differ; RefusedError when the motions leave the result undetermined (by
     name, with the cure), or when two notations fit equally well and lead to different results, naming both and the
     option that would settle it.
     """
-    ranked = rank(notations, T_camera_target)
+    ranked = rank(notations, T_camera_target, free_scale=free_scale)
     wanted = [a for a in ranked if setup in ("auto", a.setup)]
     stated = _preferred([a for a in wanted if not a.notation.contradicts] or wanted)
     best = _preferred(wanted)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calibrant.arrays import Array
+from calibrant.calibrate.cell.starts.scale import scale_of_target
 from calibrant.calibrate.solvers.loop_errors import LoopErrors, errors_of, loop_consistency, loop_errors
 from calibrant.calibrate.solvers.motion import motion_report
 from calibrant.calibrate.solvers.park import park
@@ -50,7 +51,7 @@ class Alternative:
     """One hypothesis and how its loop closes.
 
     loop_rms_mm, loop_rms_deg: spread of A_i X B_i over the views kept (indices); X: the camera's transform of the
-    normal form; T_camera_target (n, 4, 4), metres.
+    normal form; T_camera_target (n, 4, 4), metres; scale: what its lengths were multiplied by, where that was free.
     """
 
     notation: PoseNotation
@@ -60,6 +61,7 @@ class Alternative:
     X: Array
     kept: NDArray[np.intp]
     T_camera_target: Array
+    scale: float = 1.0
 
     @cached_property
     def score(self) -> float:
@@ -101,9 +103,12 @@ def robot_side(T_base_gripper: ArrayLike, setup: Setup) -> Array:
     return T if setup == "eye-in-hand" else se3.inverse(T)
 
 
-def rank(notations: Sequence[PoseNotation], T_camera_target: ArrayLike) -> tuple[Alternative, ...]:
+def rank(
+    notations: Sequence[PoseNotation], T_camera_target: ArrayLike, *, free_scale: bool = False
+) -> tuple[Alternative, ...]:
     """Every notation in both setups, the best loop first; those whose angles disagree with the camera's are left out.
 
+    free_scale: the target's lengths are in an unknown unit; the robot's are then in the unit that is believed first.
     Raises: InputError when there is no notation, or the numbers of poses differ; RefusedError below three poses.
     """
     if not notations:
@@ -114,6 +119,8 @@ def rank(notations: Sequence[PoseNotation], T_camera_target: ArrayLike) -> tuple
         raise InputError(f"{n} robot poses but {len(B)} target poses; give one target pose for each robot pose")
     if n < 3:
         motion_report(notations[0].T_base_gripper, B).require_determined()
+    if free_scale:
+        notations = [r for r in notations if r.units == notations[0].units]
     solved: dict[tuple[object, ...], Alternative] = {}
     out = []
     for notation in _sieved(notations, B):
@@ -123,7 +130,7 @@ def rank(notations: Sequence[PoseNotation], T_camera_target: ArrayLike) -> tuple
             inverted = (notation.direction == "gripper-base") != (setup == "eye-to-hand")
             key = (notation.units, *notation.rotation_notation, inverted)
             if key not in solved:
-                solved[key] = _solved(notation, setup, B)
+                solved[key] = _solved(notation, setup, B, free_scale=free_scale)
             out.append(replace(solved[key], notation=notation, setup=setup))
     return tuple(sorted(out, key=order_of))
 
@@ -171,18 +178,23 @@ def _relative_angles(T: Array, pairs: tuple[NDArray[np.intp], ...]) -> Array:
     return 2 * np.arcsin(np.clip(chord / np.sqrt(8), 0, 1))
 
 
-def _solved(notation: PoseNotation, setup: Setup, B: Array) -> Alternative:
+def _solved(notation: PoseNotation, setup: Setup, B: Array, *, free_scale: bool) -> Alternative:
     """Closed form on the views that agree: start from congruent screws, then re-choose by the loop (concentration
     steps; Rousseeuw and Van Driessen, "Computing LTS regression for large data sets", 2006)."""
     A = robot_side(notation.T_base_gripper, setup)
     n = len(A)
     rows = sample(n, MOST_TO_CHOOSE if n > LONG else n)
+    scale = scale_of_target(PosePairs(A[rows], B[rows])) if free_scale else 1.0
+    if free_scale:
+        scale = scale if np.isfinite(scale) else 1.0
+        B = B.copy()
+        B[:, :3, 3] *= scale
     kept = np.sort(np.argsort(_incongruence(A[rows], B[rows]), kind="stable")[: _kept_of(len(rows))])
     X, errors, kept = _concentrated(A[rows], B[rows], kept)
     if len(rows) < n:
         kept = _agreeing(A, B, X, errors)
         X, errors = _closed_form(A[kept], B[kept])
-    return Alternative(notation, setup, errors.rms_mm, errors.rms_deg, X, kept, B)
+    return Alternative(notation, setup, errors.rms_mm, errors.rms_deg, X, kept, B, scale)
 
 
 def _kept_of(n: int) -> int:

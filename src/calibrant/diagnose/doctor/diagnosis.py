@@ -20,7 +20,8 @@ from calibrant.diagnose.doctor.evidence.loop import Loop
 from calibrant.diagnose.doctor.faults.timing import times_of
 from calibrant.diagnose.doctor.numbering import finding, numbering_of
 from calibrant.diagnose.doctor.pose_notation import PoseDecision, decide_poses
-from calibrant.diagnose.doctor.search import Examination, examine
+from calibrant.diagnose.doctor.search import Examination
+from calibrant.diagnose.doctor.sized import examined_at_size
 from calibrant.errors import InputError
 from calibrant.formats.poses.notations import PoseNotation
 from calibrant.geometry import se3
@@ -62,22 +63,28 @@ class Diagnosis:
 
 
 def diagnose_poses(
-    complete: Sequence[PoseNotation], T_camera_target: Array, *, setup: Asked = "auto", direction_said: bool = False
+    complete: Sequence[PoseNotation],
+    T_camera_target: Array,
+    *,
+    setup: Asked = "auto",
+    direction_said: bool = False,
+    free_scale: bool = False,
 ) -> Diagnosis:
     """Diagnose n robot poses and n target poses (n, 4, 4), metres, that belong together row by row.
 
     Args: complete, notations of the robot poses, the most believable first (formats.poses.notations); direction_said,
-    that they are T_camera_target is known, so that nobody is asked.
+    that they are T_camera_target is known, so that nobody is asked; free_scale, the target's lengths are in an unknown
+    unit.
     Raises: RefusedError naming degenerate motions, or two notations that fit equally well.
     """
     B = se3.check(T_camera_target, name="T_camera_target")
     rows = np.arange(len(B))
-    poses = decide_poses(complete, B, rows, setup=setup, measured=not direction_said)
+    poses = decide_poses(complete, B, rows, setup=setup, measured=not direction_said, free_scale=free_scale)
     times = times_of(complete[0])
     case = case_of_poses(poses.notation.poses, B, setup=poses.setup, times=times)
     if poses.inverted_targets:
         case = case.with_inverted_targets()
-    return _diagnosis(poses, examine(case))
+    return _diagnosis(poses, examined_at_size(case, poses.scale, free=free_scale))
 
 
 def diagnose_views(
@@ -87,11 +94,13 @@ def diagnose_views(
     *,
     setup: Asked = "auto",
     camera_given: bool = False,
+    free_scale: bool = False,
 ) -> Diagnosis:
     """Diagnose robot poses and the views taken at them.
 
     Args: complete, notations of the poses in the order of the pictures, their ids the pictures' names, also of those
-    that show no target; observations, whose views carry these names as ids; camera, known or calibrated from the views.
+    that show no target; observations, whose views carry these names as ids; camera, known or calibrated from the views;
+    free_scale, the target's size is not known.
     Raises: InputError for a view without a pose; RefusedError as `diagnose_poses`.
     """
     ids = complete[0].ids
@@ -102,7 +111,7 @@ def diagnose_views(
         any_case = any_case.with_boards(numbered.rows.tolist(), numbered.F)
         observations, filled = (numbered.observations(o, ids) for o in (observations, filled))
     rows = any_case.index
-    poses = decide_poses(complete, any_case.B, rows, setup=setup)
+    poses = decide_poses(complete, any_case.B, rows, setup=setup, free_scale=free_scale)
     case = replace(
         case_of_views(
             poses.notation.poses,
@@ -116,7 +125,8 @@ def diagnose_views(
     )
     if numbered is not None:
         poses = replace(poses, findings=(*poses.findings, finding(numbered, ids)))
-    return replace(_diagnosis(poses, examine(case)), numbering=numbered)
+    found = examined_at_size(case, poses.scale, free=free_scale)
+    return replace(_diagnosis(poses, found), numbering=numbered)
 
 
 def _with_gaps(observations: Observations, ids: Sequence[str]) -> Observations:

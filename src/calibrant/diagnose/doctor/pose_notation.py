@@ -22,19 +22,22 @@ from calibrant.calibrate.cell.starts.robust import log_misfit, robust_fit
 from calibrant.calibrate.solvers.loop_errors import loop_consistency
 from calibrant.cancel import checkpoint
 from calibrant.data import Check
-from calibrant.diagnose.conventions.decide import ConventionDecision, decide
+from calibrant.diagnose.conventions.decide import CLEAR_RATIO, EQUAL_P, ConventionDecision, decide, loop_f_test
 from calibrant.diagnose.conventions.hypotheses import CONSISTENT, SETUPS, Alternative, Setup
 from calibrant.diagnose.doctor.evidence.finding import Finding
 from calibrant.diagnose.doctor.evidence.loop import Evidence, Loop
 from calibrant.diagnose.doctor.evidence.significance import confidence
 from calibrant.diagnose.doctor.evidence.target_frame import is_track, look_inverted, other_axis
 from calibrant.diagnose.doctor.faults.pairing import Order, congruent_orders
+from calibrant.diagnose.doctor.faults.size import WRONG_LENGTH
 from calibrant.errors import RefusedError
 from calibrant.formats.poses.notations import PoseNotation
 from calibrant.geometry import se3
 
 ORDERS_TRIED = 2
 """Orders whose notations are solved, the most congruent ones."""
+LEAST_FOR_SCALE = 4
+"""Three poses close the loop of many notations, and more so with one unknown more."""
 ALTERNATIVES_TRIED = 6
 """Notations fitted robustly when none closes the loop."""
 
@@ -43,7 +46,8 @@ ALTERNATIVES_TRIED = 6
 class PoseDecision:
     """What was decided, with every pose of the file: notation, setup, and the order of the rows if it is not theirs.
 
-    fits: False when no notation closes the loop for most of the views.
+    fits: False when no notation closes the loop for most of the views. scale: what the target's lengths must be
+    multiplied by for it to close, where that was free or is the cause of a loop that does not close.
     """
 
     decision: ConventionDecision
@@ -53,6 +57,7 @@ class PoseDecision:
     inverted_targets: bool
     fits: bool
     findings: tuple[Finding, ...]
+    scale: float = 1.0
 
 
 def decide_poses(
@@ -62,22 +67,28 @@ def decide_poses(
     *,
     setup: Setup | Literal["auto"] = "auto",
     measured: bool = False,
+    free_scale: bool = False,
 ) -> PoseDecision:
     """Decide how n poses are to be read from m target poses.
 
     Args: complete, notations of all n poses, in the order of the images; B (m, 4, 4) = T_camera_target of the rows
-    `rows`; measured, the target poses were measured elsewhere, in a direction that was not said.
+    `rows`; measured, the target poses were measured elsewhere, in a direction that was not said;
+    free_scale, the target's lengths are in an unknown unit.
     Raises: RefusedError when the motions determine nothing, or two notations fit equally well.
     """
-    plain = _decided(complete, B, rows, None, setup)
+    plain = _decided(complete, B, rows, None, setup, free_scale=free_scale)
     if plain.ok:
-        return _noted(_decision(plain, complete, None), B, asked=measured and setup == "auto")
+        found = replace(_decision(plain, complete, None), scale=_chosen(plain).scale)
+        return _noted(found, B, asked=measured and setup == "auto")
     if measured:
         plain = _with_target_direction(plain)
     if measured and setup != "auto" and (is_track(B) or look_inverted(complete[0].T_base_gripper, B)):
-        turned = _decided(complete, se3.inverse(B), rows, None, setup)
+        turned = _decided(complete, se3.inverse(B), rows, None, setup, free_scale=free_scale)
         if turned.ok:
-            return _inverted(_decision(turned, complete, None))
+            return replace(_inverted(_decision(turned, complete, None)), scale=_chosen(turned).scale)
+    scaled = None if free_scale else _scaled(plain, complete, B, rows, setup)
+    if scaled is not None:
+        return scaled
     trials = []
     for order in _orders(complete, B, rows):
         checkpoint()
@@ -94,11 +105,38 @@ def decide_poses(
 
 
 def _decided(
-    complete: Sequence[PoseNotation], B: Array, rows: Index, order: Order | None, setup: Setup | Literal["auto"]
+    complete: Sequence[PoseNotation],
+    B: Array,
+    rows: Index,
+    order: Order | None,
+    setup: Setup | Literal["auto"],
+    *,
+    free_scale: bool = False,
 ) -> ConventionDecision:
     """The decision about the poses in an order (None: as they stand)."""
     taken = rows if order is None else order.rows[rows]
-    return decide([r.take(taken.tolist()) for r in complete], B, setup=setup)
+    return decide([r.take(taken.tolist()) for r in complete], B, setup=setup, free_scale=free_scale)
+
+
+def _scaled(
+    plain: ConventionDecision,
+    complete: Sequence[PoseNotation],
+    B: Array,
+    rows: Index,
+    setup: Setup | Literal["auto"],
+) -> PoseDecision | None:
+    """The decision with a target of another size, where that and nothing else closes the loop; else None."""
+    if len(B) < LEAST_FOR_SCALE:
+        return None
+    try:
+        free = _decided(complete, B, rows, None, setup, free_scale=True)
+    except RefusedError:  # with one unknown more two notations fit equally well
+        return None
+    best = _chosen(free)
+    ratio, p = loop_f_test(best, _chosen(plain))
+    if not free.ok or p > EQUAL_P or ratio < CLEAR_RATIO or max(best.scale, 1 / best.scale) < WRONG_LENGTH:
+        return None
+    return replace(_decision(free, complete, None), scale=best.scale)
 
 
 def _orders(complete: Sequence[PoseNotation], B: Array, rows: Index) -> list[Order]:

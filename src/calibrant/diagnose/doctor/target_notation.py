@@ -47,18 +47,25 @@ class _Candidate:
     best: Alternative
 
 
-def decide_target_notation(robot: Sequence[PoseNotation], target: Sequence[PoseNotation]) -> TargetNotation:
+def decide_target_notation(
+    robot: Sequence[PoseNotation], target: Sequence[PoseNotation], *, free_scale: bool = False
+) -> TargetNotation:
     """The notation of the target poses that closes the loop; the first one where none does, or the data cannot tell.
 
-    Args: robot and target, the notations of n paired poses, the most believable first (formats.poses.notations).
+    Args: robot and target, the notations of n paired poses, the most believable first (formats.poses.notations);
+    free_scale, the target's lengths are in an unknown unit.
     Raises: RefusedError when two notations close the loop equally well and lead to different results.
     """
+    if free_scale:
+        target = [t for t in target if t.units == target[0].units]
     n = len(target[0].ids)
     if len(target) == 1 or n < 4:  # three poses close the loop of many notations
         return TargetNotation(target[0], None)
     some = np.linspace(0, n - 1, min(n, MOST_POSES)).round().astype(int).tolist()
     few = [r.take(some) for r in robot]
-    candidates = [_Candidate(t, rank(few, t.take(some).T_base_gripper)[0]) for t in _sieved(robot, target)]
+    candidates = [
+        _Candidate(t, rank(few, t.take(some).T_base_gripper, free_scale=free_scale)[0]) for t in _sieved(robot, target)
+    ]
     first = candidates[0]
     chosen = min(candidates, key=lambda c: misfit_of(c.best))
     if chosen.best.score > CONSISTENT or not _better(chosen, first):

@@ -65,9 +65,31 @@ class TargetPoseOptions:
     """How the rotations of --target-poses are written, where the data cannot tell: as --pose-rotation."""
     target_pose_direction: Annotated[str, Option("NAME")] = "auto"
     """auto (camera-target, doubted where no camera could see it), camera-target (T_camera_target) or target-camera."""
+    target_scale: Annotated[str, Option("NUMBER")] = "1"
+    """What the target's lengths are multiplied by; free: found by the robot's motion (tracks of unknown scale)."""
+
+    @property
+    def free_scale(self) -> bool:
+        """Whether the target's scale is to be found."""
+        return self.target_scale == "free"
+
+    @property
+    def scale(self) -> float:
+        """What the target's lengths are multiplied by; 1 where that is to be found. Raises: InputError."""
+        from calibrant.errors import InputError
+
+        if self.free_scale:
+            return 1.0
+        try:
+            value = float(self.target_scale)
+        except ValueError:
+            value = float("nan")
+        if not 0 < value < float("inf"):
+            raise InputError(f"--target-scale {self.target_scale}: give a positive number, or free")
+        return value
 
     def check(self) -> None:
-        """Raises: InputError for a direction that there is not."""
+        """Raises: InputError for a direction that there is not, or a scale that is none."""
         from calibrant.errors import InputError
 
         if self.target_pose_direction not in DIRECTIONS:
@@ -75,9 +97,12 @@ class TargetPoseOptions:
                 f"--target-pose-direction {self.target_pose_direction}: choose {', '.join(DIRECTIONS[:-1])} or "
                 f"{DIRECTIONS[-1]}"
             )
+        _ = self.scale
 
     def as_camera_target(self, T: NDArray) -> NDArray:
-        """T_camera_target of poses (n, 4, 4) in the direction that was said."""
+        """T_camera_target of poses (n, 4, 4) in the direction and at the scale that were said."""
         from calibrant.geometry import se3
 
-        return se3.inverse(T) if self.target_pose_direction == "target-camera" else T
+        out = se3.inverse(T) if self.target_pose_direction == "target-camera" else T.copy()
+        out[:, :3, 3] *= self.scale
+        return out

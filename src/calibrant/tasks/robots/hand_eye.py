@@ -138,6 +138,8 @@ def _check_options(request: Request, names: Names) -> None:
         raise InputError(
             f"--method {request.method}: a closed form knows one camera on one robot; the report lists all of them"
         )
+    if request.measured.free_scale and (not names.plain or request.identify):
+        raise InputError("--target-scale free knows one camera on one robot; calibrate each by itself first")
     if not request.identify:
         return
     if request.points.observations is not None or request.measured.target_poses:
@@ -180,6 +182,11 @@ def _calibrated_alone(part: ReadList, common: ListRequest, method: str) -> Calib
     data, diagnosis = part.data, part.diagnosis
     if data is None or diagnosis is None:
         raise InputError("a closed form needs a camera that moves against its target; leave --method out")
+    if common.measured.free_scale:
+        from calibrant.diagnose.doctor.repair import calibrate_freed
+
+        lens = common.lens
+        return calibrate_freed(diagnosis, model=lens.model, fix=split_names(lens.fix), method=method)
     target = data.T_camera_target if data.observations is None else diagnosis.numbered(data.observations)
     return calibrate_hand_eye(
         diagnosis.poses.notation.poses,
@@ -196,7 +203,13 @@ def _asked(result: CalibrationResult, names: Names, request: Request) -> dict[st
     """The options as the command has them: a setup that the data decided was not asked."""
     alone = not isinstance(result.options.get("setup"), Mapping)
     setup = names.setup if alone else {camera: names.setup_of(camera) for camera, _ in names.images}
-    return {**result.options, "setup": setup, **({"mirror_x": True} if request.search.mirror_x else {})}
+    scale = request.measured.target_scale
+    return {
+        **result.options,
+        "setup": setup,
+        **({"mirror_x": True} if request.search.mirror_x else {}),
+        **({"target_scale": scale} if scale != "1" else {}),
+    }
 
 
 def _setups(result: CalibrationResult) -> dict[str, str]:

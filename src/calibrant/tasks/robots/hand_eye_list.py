@@ -106,11 +106,24 @@ def diagnose(data: PairedData, request: ListRequest) -> Diagnosis:
     setup = request.setup
     if data.observations is None:
         said = request.measured.target_pose_direction != "auto"
-        found = diagnose_poses(data.complete, data.T_camera_target, setup=setup, direction_said=said)  # type: ignore[arg-type]
+        found = diagnose_poses(
+            data.complete,
+            data.T_camera_target,  # type: ignore[arg-type]
+            setup=setup,  # type: ignore[arg-type]
+            direction_said=said,
+            free_scale=request.measured.free_scale,
+        )
         return found if data.target_reading is None else replace(found, findings=(*found.findings, data.target_reading))
     observations, camera = _seen(data, request)
     given = data.camera is not None
-    return diagnose_views(data.complete, observations, camera, setup=setup, camera_given=given)  # type: ignore[arg-type]
+    return diagnose_views(
+        data.complete,
+        observations,
+        camera,
+        setup=setup,  # type: ignore[arg-type]
+        camera_given=given,
+        free_scale=request.measured.free_scale,
+    )
 
 
 def _seen(data: PairedData, request: ListRequest) -> tuple[Observations, Camera]:
@@ -139,6 +152,13 @@ def _check_list(request: ListRequest) -> None:
     if request.of_photos:
         if request.measured.target_poses:
             raise InputError("give photos (--images) or measured target poses (--target-poses), not both")
+        if request.measured.scale != 1:
+            raise InputError(
+                f"--target-scale {request.measured.target_scale}: goes with target poses; a board's real size is given "
+                "with --target, and --target-scale free finds it"
+            )
+        if request.measured.target_pose_direction != "auto":
+            raise InputError("--target-pose-direction goes with target poses, not with photos")
         request.source.files()
         return
     if request.target is not None and not request.measured.target_poses:
@@ -207,7 +227,7 @@ def _with_target_poses(request: ListRequest, raw: RawPoses) -> PairedData:
     complete = tuple(r.take(pose_index, names) for r in every_notation(raw))
     target = replace(target, options=replace(target.options, direction="base-gripper"))
     of_target = [r.take(target_index, names) for r in every_notation(target)]
-    decided = decide_target_notation(complete, of_target)
+    decided = decide_target_notation(complete, of_target, free_scale=measured.free_scale)
     return PairedData(
         complete,
         pairing,

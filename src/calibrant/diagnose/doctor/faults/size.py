@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from functools import partial
 
+import numpy as np
+
 from calibrant.arrays import Array
 from calibrant.calibrate.cell.loop.fit import fit_loop
 from calibrant.calibrate.solvers.loop_errors import loop_consistency
@@ -17,15 +19,20 @@ from calibrant.diagnose.doctor.evidence.case import Case
 from calibrant.diagnose.doctor.evidence.finding import Finding
 from calibrant.diagnose.doctor.evidence.loop import Evidence
 from calibrant.diagnose.doctor.evidence.significance import CONVINCING, confidence, student_test
+from calibrant.errors import RefusedError
 from calibrant.geometry import se3
 
 MATTERS = 0.005
 """A printed board is off by up to 0.5 % (a printer's scaling, paper and humidity); more is a wrong size."""
 UNITS = {1000.0: "mm instead of m", 0.001: "m instead of mm", 25.4: "inches instead of mm", 1 / 25.4: "mm for inches"}
+MOST_ROUNDS, SETTLED = 20, 0.01
+"""The loop is nearly linear in the scale, which settles in three or four rounds: to a hundredth of its sigma."""
+ROUNDING = 1e-9
 UNIT_SHARE = 0.05
 """A scale within 5 % of the ratio of two units is a mistake of units."""
-WRONG_UNIT = 2.0
-"""A target twice or half as large as said: no calibration is handed out of it."""
+WRONG_LENGTH = 1.1
+"""A page that is fitted to its paper shrinks by up to 6 %; a target off by more than a tenth is another one, or in
+another unit, or of unknown scale: no calibration is handed out of it."""
 
 
 def sensitivity(case: Case) -> tuple[Array, Array]:
@@ -49,22 +56,55 @@ def examine(case: Case) -> list[Finding]:
     repaired = case.scaled(value)
     if loop_consistency(repaired.A, repaired.B, fit.X).score > CONSISTENT:
         return []  # motions that have nothing in common have no scale either
+    return [sized(case, repaired, Measured(value, sigma), p)]
+
+
+def sized(case: Case, repaired: Case, found: Measured, p: float) -> Finding:
+    """The finding that the target is `found` times as large as in the case, with the case repaired."""
+    value, sigma = found.value, found.sigma
     evidence = Evidence(case.loop, repaired.loop)
     unit = next((words for ratio, words in UNITS.items() if abs(value / ratio - 1) < UNIT_SHARE), None)
-    text = f"{value:.4f} ± {sigma:.4f} times as large as given"
+    text = f"{ratio_text(value, sigma)} times as large as given"
     cause = f" ({unit})" if unit else ""
     share = f"; at that size {evidence.text}"
-    gross = max(value, 1 / value) > WRONG_UNIT
-    return [
-        Finding(
-            "target-size",
-            "fail" if gross else "warn",
-            f"the target's size does not fit the robot's motion: the target is {text}{cause}{share}",
-            confidence(p),
-            evidence,
-            measured=Measured(value * case.scale, sigma * case.scale),
-            proposal="measure the target, and give its real size",
-            repair=partial(Case.scaled, factor=value),
-            gain=max(case.misfit - repaired.misfit, 0.0),
-        )
-    ]
+    gross = max(value, 1 / value) > WRONG_LENGTH
+    way_out = "measure the target, and give its real size"
+    if case.data.views is None:
+        way_out += ", or, for a track of unknown scale, --target-scale free"
+    return Finding(
+        "target-size",
+        "fail" if gross else "warn",
+        f"the target's size does not fit the robot's motion: the target is {text}{cause}{share}",
+        confidence(p),
+        evidence,
+        measured=Measured(value * case.scale, sigma * case.scale),
+        proposal=way_out,
+        repair=partial(Case.scaled, factor=value),
+        gain=max(case.misfit - repaired.misfit, 0.0),
+    )
+
+
+def ratio_text(value: float, sigma: float) -> str:
+    """A ratio and its 1 sigma, to two digits of the latter."""
+    digits = max(4, 1 - int(np.floor(np.log10(sigma)))) if sigma > 0 else 4
+    return f"{value:.{min(digits, 9)}f} ± {sigma:.{min(digits, 9)}f}"
+
+
+def freed(case: Case) -> tuple[Case, Measured]:
+    """The case at the size that the robot's motion says, and that size in units of the one given.
+
+    Raises: RefusedError where the motion does not tell it.
+    """
+    start = case.scale
+    for _ in range(MOST_ROUNDS):
+        fit = case.size
+        if fit is None:
+            break
+        value, sigma = fit.size.value, fit.size.sigma
+        case = case.scaled(value)
+        if abs(value - 1) < max(SETTLED * sigma, ROUNDING):
+            return case, Measured(case.scale / start, sigma * case.scale / start)
+    raise RefusedError(
+        "the motions do not tell the target's scale (--target-scale free): robot poses that change place, not only "
+        "direction, tell it; or give it as a number"
+    )

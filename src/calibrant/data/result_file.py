@@ -19,9 +19,9 @@ from calibrant.data.result_decoding import KEYS, decode, refuse_constant
 from calibrant.data.result_encoding import FORMAT, encode, format_json
 from calibrant.data.results import CalibrationResult
 from calibrant.errors import InputError
-from calibrant.files import RESULT, read_text, reason_of
-from calibrant.json_text import parse_json
-from calibrant.notes import note_unused
+from calibrant.reading.files import RESULT, read_text, reason_of
+from calibrant.reading.json_text import parse_json
+from calibrant.reading.notes import note_unused
 
 
 def write_result(result: CalibrationResult, path: str | Path, *, force: bool = False) -> Path:

@@ -18,6 +18,7 @@ from calibrant.arrays import Array
 from calibrant.data import DEFAULT_CAMERA, Missed, Observations, View
 from calibrant.errors import InputError
 from calibrant.formats.cameras.opencv_storage import read_yaml
+from calibrant.reading.files import DOCUMENT, read_text
 from calibrant.targets.point_folder import PointFolder
 
 ENDINGS = (".yml", ".yaml")
@@ -43,12 +44,7 @@ def read_own_points(path: str | Path, *, metres: float = 1e-3) -> OwnPoints:
     few points, values that are not finite, a point given twice, points on a line.
     """
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise InputError(f"points file {path} does not exist") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"points file {path} cannot be read as text: {error}") from None
+    text = read_text(path, most=DOCUMENT, what="points file", expected="YAML")
     data = read_yaml(text, str(path))
     try:
         return _own_points(data, metres)

@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 
 from calibrant.arrays import Array
 from calibrant.errors import InputError
+from calibrant.reading.files import read_text
+from calibrant.reading.notes import note_unused
 from calibrant.targets.scale import format_scale, split_scale
 from calibrant.targets.target import Artwork, Target
 
@@ -70,22 +72,22 @@ def parse(fields: Sequence[str]) -> PointList:
 
 
 def _read_points(path: Path) -> tuple[tuple[int, float, float, float], ...]:
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise InputError(f"points file {path} does not exist") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"points file {path} cannot be read as text: {error}") from None
+    text = read_text(path, what="points file", expected="a CSV file")
     reader = csv.DictReader(line for line in text.splitlines() if line.strip() and not line.startswith("#"))
-    names = [n.strip() for n in reader.fieldnames or ()]
-    reader.fieldnames = names
+    try:
+        names = [n.strip() for n in reader.fieldnames or ()]
+        reader.fieldnames = names
+        table = list(reader)
+    except csv.Error as error:
+        raise InputError(f"points file {path}: {error}; expected a CSV file") from None
     units = [u for u, factor in _UNITS.items() if all(f"{axis}{u}" in names for axis in "xyz")]
     if len(units) != 1:
         raise InputError(
             f"points file {path} has the columns {', '.join(names) or 'none'}; expected x,y,z in metres, or "
             "x_mm,y_mm,z_mm"
         )
-    rows = [_listed_point(row, units[0], i, path) for i, row in enumerate(reader)]
+    note_unused(f"points file {path}", (n for n in names if n and n not in ("id", *(f"{a}{units[0]}" for a in "xyz"))))
+    rows = [_listed_point(row, units[0], i, path) for i, row in enumerate(table)]
     if len(rows) < 4 or len({r[0] for r in rows}) < len(rows):
         raise InputError(f"points file {path}: expected at least 4 points with ids of their own, got {len(rows)} rows")
     return tuple(rows)
@@ -99,7 +101,8 @@ def _listed_point(row: dict[str, str], unit: str, index: int, path: Path) -> tup
         x, y, z = (_UNITS[unit] * float(row[f"{axis}{unit}"]) for axis in "xyz")
         label = int(row["id"]) if "id" in row else index
     except (TypeError, ValueError):
-        raise InputError(f"points file {path}: point {index + 1} has a value that is not a number: {row}") from None
-    if not np.all(np.isfinite([x, y, z])):
+        shown = str(row)[:80]
+        raise InputError(f"points file {path}: point {index + 1} has a value that is not a number: {shown}") from None
+    if not np.all(np.isfinite([x, y, z])) or not abs(label) < 2**62:
         raise InputError(f"points file {path}: point {index + 1} is not finite: {row}")
     return label, x, y, z

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from calibrant.errors import InputError
-from calibrant.files import DOCUMENT, read_text
-from calibrant.json_text import DEEPEST, TOO_DEEP
+from calibrant.reading.files import DOCUMENT, read_text
+from calibrant.reading.json_text import DEEPEST, TOO_DEEP
 
 if TYPE_CHECKING:
     import yaml

@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import Any, Protocol
 
 from calibrant.errors import CalibrantError
-from calibrant.notes import heard
+from calibrant.reading.notes import heard
 from calibrant.tasks.listener import Listener
 from calibrant.tasks.outcome import Outcome
 

@@ -227,7 +227,7 @@ def test_geometry_files(tmp_path: Path) -> None:
         ("link_radius: 60mm\nboxes:\n  - {from: [1mm, 2mm], to: [1mm, 2mm, 3mm]}\n", "three lengths"),
         ("link_radius: 60mm\nboxes:\n  - {from: [9mm, 2mm, 3mm], to: [1mm, 2mm, 3mm]}\n", "smaller x, y and z"),
         ("link_radius: 60mm\nspheres:\n  - {center: [1mm, 2mm, 3mm], radius: 1mm}\n", "keys centre and radius"),
-        ("link_radius: [\n", "cannot read"),
+        ("link_radius: [\n", "geometry file .*cell.yaml: line 2"),
     ],
 )
 def test_unreadable_geometry_is_refused_by_name(tmp_path: Path, text: str, message: str) -> None:

@@ -14,7 +14,7 @@ import pytest
 from calibrant.cameras import Camera
 from calibrant.errors import InputError
 from calibrant.formats.cameras.read import read_camera
-from calibrant.notes import heard
+from calibrant.reading.notes import heard
 
 FOCAL = {"width": 1280, "height": 800, "fx": 640.25, "fy": 639.81, "cx": 643.17, "cy": 402.88}
 FIVE = [-0.3561, 0.1672, -0.00021, 0.00055, -0.0215]

@@ -156,7 +156,7 @@ def test_a_list_that_names_pose_files_is_followed(tmp_path: Path) -> None:
         ('[{"position": [1,2,NaN], "rotation": [0,0,0,1]}]', r"p\.json\[0\]: NaN or infinity"),
         ("[[[1,0,0,0],[0,1,0,0],[0,0,-1,0],[0,0,0,1]]]", r"determinant -1: it mirrors"),
         ("[[[1,0,0,5],[0,1,0,0],[0,0,1,0],[1,0,0,1]]]", r"last row of the 4x4 matrix is \[1\.0, 0\.0, 0\.0, 1\.0\]"),
-        ('[{"image": "a", "pose": "missing.yaml"}]', r"cannot read .*missing\.yaml"),
+        ('[{"image": "a", "pose": "missing.yaml"}]', r"pose file .*missing\.yaml does not exist"),
     ],
 )
 def test_what_is_wrong_is_named_by_file_and_entry(tmp_path: Path, text: str, message: str) -> None:

@@ -133,12 +133,12 @@ def text_of_no_poses(path: Path) -> None:
     [
         ("ur.txt", broken_print, "ur.txt:1"),
         ("lines.jsonl", broken_json, "lines.jsonl:3: not JSON"),
-        ("object.npy", an_object, "NumPy's arrays of numbers"),
+        ("object.npy", an_object, "holds Python objects, a pickle"),
         ("flat.npy", lambda p: np.save(p, np.arange(7.0)), r"shape \(7,\)"),
         ("words.npy", lambda p: np.save(p, np.array([["a", "b"]])), "expected numbers"),
-        ("cut.npz", lambda p: p.write_bytes(b"PK\x03\x04 and no more"), "cannot read"),
+        ("cut.npz", lambda p: p.write_bytes(b"PK\x03\x04 and no more"), "cannot be read as NumPy"),
         ("uneven.npz", lambda p: np.savez(p, robot=T, target=T[:4]), "arrays of different lengths"),
-        ("small.txt", text_of_no_poses, "2 numbers and no header"),
+        ("small.txt", text_of_no_poses, r"small\.txt\[0\]: 2 numbers, expected 6 or 7"),
     ],
 )
 def test_what_is_no_print_is_refused_with_the_place(

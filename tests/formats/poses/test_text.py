@@ -10,6 +10,7 @@ import pytest
 from calibrant.errors import InputError
 from calibrant.formats.poses.read import notations, read_poses
 from calibrant.geometry import rotations, se3, so3
+from calibrant.reading.notes import heard
 
 T = se3.make(so3.random(np.random.default_rng(5), 3), [[0.5, -0.25, 0.75], [0.4, 0.1, 0.6], [-0.3, 0.2, 0.9]])
 POSITION = T[:, :3, 3]
@@ -107,7 +108,9 @@ def test_a_counter_before_six_numbers_is_not_a_coordinate(tmp_path: Path) -> Non
 def test_columns_that_are_not_used_are_noted(tmp_path: Path) -> None:
     path = tmp_path / "p.csv"
     path.write_text("image,x,y,z,qx,qy,qz,qw,gain\na,0.5,0,0,0,0,0,1,high\n")
-    assert "columns not used: gain" in read_poses(path).notes
+    with heard() as notes:
+        read_poses(path)
+    assert notes == [f"{path}: not used: gain"]
 
 
 def test_a_note_says_that_matrices_were_listed_by_columns(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ from calibrant.errors import InputError
 from calibrant.robots.chain import KinematicChain
 from calibrant.robots.geometry import ParametricChain
 from calibrant.targets.lengths import parse_length
-from calibrant.targets.yaml_file import parse_yaml
+from calibrant.targets.yaml_file import read_yaml
 
 _SPACING = 0.5
 """Spheres along a link, in radii: half a radius apart they miss no more than 3 % of the radius between them."""
@@ -97,11 +97,7 @@ class Geometry:
 
 def read_geometry(path: Path) -> Geometry:
     """The geometry of a YAML file. Raises: InputError naming the file, the key and what was expected."""
-    try:
-        data = parse_yaml(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, InputError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise InputError(f"cannot read {path}: {reason}; expected YAML with {', '.join(_KEYS)}") from error
+    data = read_yaml(path, what="geometry file")
     if not isinstance(data, Mapping):
         raise InputError(f"{path}: expected YAML with {', '.join(_KEYS)}")
     unknown = [str(k) for k in data if k not in _KEYS]

@@ -20,6 +20,9 @@ COUNTS = (0, 1, 2, 4, 5, 8, 12, 14)
 """How many coefficients OpenCV's functions and ROS messages come with."""
 
 
+_LARGEST = 1e15
+"""Terms of high order are large where the field is narrow: k3 multiplies the sixth power of the field, 1e-12 at half a
+degree. What is larger still overflows before it bends anything."""
 MOST_PIXELS_A_SIDE = 1_000_000
 """A line-scan camera's pictures can be as long; no larger number is a size."""
 
@@ -68,6 +71,9 @@ def placed_camera(model: str, parameters: Mapping[str, float], found: Size | Non
     Raises: InputError when no size is known, both differ, or the principal point speaks against the size.
     """
     size = size_or_refuse(found, image_size)
+    beyond = next((name for name, value in parameters.items() if not abs(value) < _LARGEST), None)
+    if beyond is not None:
+        raise InputError(f"{beyond} is {parameters[beyond]:g}, beyond any lens; correct the file")
     camera = Camera.create(model, parameters, image_size=size)
     # Lens shift, as projectors have it, moves the principal point out of the image, along one axis, by up to an image.
     # A size that is not in the file has nothing but the principal point to say that it is the camera's.

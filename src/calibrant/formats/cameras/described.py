@@ -24,7 +24,7 @@ from calibrant.formats.cameras.camera_format import (
 )
 from calibrant.formats.cameras.fields import Fields, spelled
 from calibrant.formats.cameras.lens import family_of, lens_camera
-from calibrant.notes import note_unused
+from calibrant.reading.notes import note_unused
 
 _MATRIX_KEYS = (
     *("cameramatrix", "k", "m1", "k1", "intrinsicmatrix", "intrinsics", "intrinsic", "mtx", "camint", "cameramat"),

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.errors import InputError
-from calibrant.json_text import DEEPEST, TOO_DEEP, parse_json
+from calibrant.reading.json_text import DEEPEST, TOO_DEEP, parse_json
 from calibrant.targets.yaml_file import parse_documents
 
 _LENGTH_OF_LINE = 72

@@ -10,10 +10,10 @@ from calibrant.cameras import Camera
 from calibrant.data.result_encoding import FORMAT
 from calibrant.data.result_file import read_result
 from calibrant.errors import InputError
-from calibrant.files import read_text
 from calibrant.formats.cameras.camera_format import CameraFormat, Size, size_or_refuse
 from calibrant.formats.cameras.described import DESCRIBED
 from calibrant.formats.cameras.opencv_storage import read_json, read_xml, read_yaml_documents
+from calibrant.reading.files import read_text
 
 FORMATS: tuple[CameraFormat, ...] = (DESCRIBED,)
 """Formats of other programs, tried in this order."""

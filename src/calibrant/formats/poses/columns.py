@@ -28,6 +28,11 @@ _UNIT_NAMES = {
 _IN_BRACKETS = re.compile(r"^(?P<name>.*?)\s*[\[(]\s*(?P<unit>[^\])]*?)\s*[\])]\s*$")
 _AS_SUFFIX = re.compile(r"^(?P<name>.+?)[_ .](?P<unit>mm|m|cm|in|deg|rad|degrees|radians)$", re.IGNORECASE)
 
+_LISTED = 30
+"""Columns in a message."""
+_LONGEST_NAME = 200
+"""Letters of a column's name; a longer one is no name, and patterns take their time with it."""
+
 _PREFIX = r"(?:field|pose|robot|actual|tcp|tool|flange|gripper|wrist|eef|ee|transform)*"
 _SPACE = r"(?:orientation|orient|ori|rotation|rot)?"
 _ROLES: tuple[tuple[re.Pattern[str], str], ...] = tuple(
@@ -119,6 +124,13 @@ def position_columns(header: Sequence[str]) -> tuple[tuple[int, ...], str | None
     return columns, _one_unit(header, columns, {i: name_and_unit(header[i])[1] for i in columns}, tuple(LENGTH_UNITS))
 
 
+def unused_beside_position(header: Sequence[str]) -> list[str]:
+    """Columns that are neither a position that stands alone nor a name."""
+    columns, _ = position_columns(header)
+    rest = [(i, column) for i, column in enumerate(header) if i not in columns]
+    return [column.strip() for _, column in rest if name_and_unit(column)[0] not in _NAME_COLUMNS]
+
+
 def has_rotation(header: Sequence[str]) -> bool:
     """True when some column can only belong to a rotation: then the pose must be complete."""
     return any(re.match(r"[qrevm]|roll|pitch|yaw", _role(name_and_unit(c)[0]) or "") for c in header)
@@ -133,6 +145,8 @@ def is_header(cells: Sequence[str]) -> bool:
 def name_and_unit(column: str) -> tuple[str, str]:
     """A column's name in small letters and digits, and the unit it states ("" for none)."""
     text = column.strip().strip("\"'")
+    if len(text) > _LONGEST_NAME:
+        return "", ""  # no column is called so
     match = _IN_BRACKETS.match(text) or _AS_SUFFIX.match(text)
     name, unit = (match["name"], match["unit"].lower()) if match else (text, "")
     return re.sub(r"[^0-9a-z]", "", name.lower()), unit
@@ -212,7 +226,8 @@ def _one_unit(
 
 
 def _expected(header: Sequence[str]) -> str:
-    found, native = ", ".join(repr(column.strip()) for column in header), "image,x,y,z,qx,qy,qz,qw"
+    shown = [repr(column.strip()[:40]) for column in header[:_LISTED]]
+    found, native = ", ".join(shown) + (" …" if len(header) > _LISTED else ""), "image,x,y,z,qx,qy,qz,qw"
     return (
         f"found the columns {found}; expected x, y, z and a rotation: qx, qy, qz, qw, or rx, ry, rz, "
         f"or roll, pitch, yaw, or A, B, C, or W, P, R, or a matrix r11 to r33; the native header is {native}"

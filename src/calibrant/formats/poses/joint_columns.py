@@ -22,6 +22,8 @@ _JOINT_ANGLES = ("auto", "deg", "rad")
 DEGREES_FROM = 0.5
 """Share of rows beyond the limits as radians from which a table is in degrees: ordinary poses have some joint beyond 6
 degrees in nearly every row, a table in radians passes a limit in a few."""
+_NAMES = ("image", "file", "filename", "name", "id", "view", "pose")
+"""Columns that name the rows, the best first."""
 _FACTORS = {"deg": np.pi / 180, "rad": 1.0, "m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254, "": 1.0}
 
 
@@ -128,7 +130,7 @@ def poses_from_joints(table: PoseTable, chain: KinematicChain, *, angle: str) ->
         columns = _bare(table, chain) or joints_of_robot(table.header, chain)
     except InputError as error:
         raise InputError(f"{table.source}: {error}") from error
-    q, words = joint_values(table, columns, chain, angle=angle)
+    q, _ = joint_values(table, columns, chain, angle=angle)
     T = chain.forward(q)
     return RawPoses(
         T[:, :3, 3],
@@ -138,7 +140,8 @@ def poses_from_joints(table: PoseTable, chain: KinematicChain, *, angle: str) ->
         Stated(units="m", rotation="matrix", direction="base-gripper"),
         PoseOptions(units="m", rotation="matrix", direction="base-gripper"),
         source=table.source,
-        notes=(*table.notes, f"poses by forward kinematics from {words}"),
+        notes=table.notes,
+        unused=_unused(table, columns),
         joints=q,
     )
 
@@ -148,12 +151,19 @@ def names_of(table: PoseTable) -> tuple[str, ...] | None:
     if table.names is not None:
         return table.names
     keys = [name_and_unit(column)[0] for column in table.header]
-    at = next(
-        (keys.index(key) for key in ("image", "file", "filename", "name", "id", "view", "pose") if key in keys), None
-    )
+    at = next((keys.index(key) for key in _NAMES if key in keys), None)
     if at is None:
         return None
     return tuple(str(row[at]).strip() for row in table.rows)
+
+
+def _unused(table: PoseTable, columns: JointColumns) -> tuple[str, ...]:
+    """Columns that hold no joint of the robot's, and no name."""
+    return tuple(
+        name.strip()
+        for i, name in enumerate(table.header)
+        if i not in columns.index and name_and_unit(name)[0] not in _NAMES
+    )
 
 
 def without(table: PoseTable, columns: JointColumns) -> PoseTable:

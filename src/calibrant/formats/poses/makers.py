@@ -13,14 +13,16 @@ about fixed x, y, z), Stäubli VAL 3 (Rx, Ry, Rz about moving x, y, z), Kawasaki
 from __future__ import annotations
 
 import re
+from bisect import bisect_left
 from dataclasses import dataclass, replace
 
 from calibrant.errors import InputError
 from calibrant.formats.poses.raw import NOTHING_STATED, PoseOptions
 from calibrant.formats.poses.rows import MATRIX_NAMES, PoseTable
 
-_N = r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*"
-_NAME = r"(?:(?P<name>[A-Za-z_$][\w$\[\]]*)\s*:?=\s*)?"
+_N = r"\s*+([-+]?(?:\d++\.?+\d*+|\.\d++)(?:[eE][-+]?\d++)?+)\s*+"
+# Names and what stands between are bounded: a text of nothing but beginnings would else be walked once for each.
+_NAME = r"(?:(?P<name>[A-Za-z_$][\w$\[\]]{0,63})\s{0,20}:?=\s{0,20})?"
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ FORMATS: dict[str, RobotFormat] = {
         "Universal Robots",
         PoseOptions(units="m", rotation="rotvec", angle="rad", direction="base-gripper"),
         ("x", "y", "z", "rx", "ry", "rz"),
-        re.compile(_NAME + r"p\s*\[" + ",".join([_N] * 6) + r"\]"),
+        re.compile(_NAME + r"p\s{0,20}\[" + ",".join([_N] * 6) + r"\]"),
     ),
     "franka": RobotFormat(
         "Franka",
@@ -63,7 +65,10 @@ FORMATS: dict[str, RobotFormat] = {
         "Fanuc",
         _euler("xyz"),
         ("x", "y", "z", "w", "p", "r"),
-        re.compile(r"(?:(?P<name>P\[\d+)[^{}]*\{[^{}]*?)?" + _named("XYZWPR", r"\s*,\s*", r"(?:mm)?"), re.DOTALL),
+        re.compile(
+            r"(?:(?P<name>P\[\d{1,9})[^{}]{0,200}\{[^{}]{0,500}?)?" + _named("XYZWPR", r"\s*,\s*", r"(?:mm)?"),
+            re.DOTALL,
+        ),
     ),
     "abb": RobotFormat(
         "ABB",
@@ -89,7 +94,8 @@ def controller_text(text: str, source: str, fmt: RobotFormat) -> PoseTable | Non
     found = [] if fmt.text is None else list(fmt.text.finditer(text))
     if not found:
         return None
-    lines = [text.count("\n", 0, m.start()) + 1 for m in found]
+    ends = [i for i, character in enumerate(text) if character == "\n"]
+    lines = [bisect_left(ends, m.start()) + 1 for m in found]
     first = 2 if fmt.text is not None and "name" in fmt.text.groupindex else 1
     rows = tuple(m.groups()[first - 1 :] for m in found)
     names = [str(m["name"] or "").replace("P[", "P") for m in found] if first == 2 else []

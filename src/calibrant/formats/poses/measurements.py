@@ -15,7 +15,12 @@ from numpy.typing import NDArray
 
 from calibrant.data.joint_measurements import JointMeasurements
 from calibrant.errors import InputError
-from calibrant.formats.poses.columns import LENGTH_UNITS, has_rotation, position_columns
+from calibrant.formats.poses.columns import (
+    LENGTH_UNITS,
+    has_rotation,
+    position_columns,
+    unused_beside_position,
+)
 from calibrant.formats.poses.joint_columns import (
     JointColumns,
     joint_values,
@@ -28,6 +33,8 @@ from calibrant.formats.poses.notations import notations, options
 from calibrant.formats.poses.raw import PoseOptions
 from calibrant.formats.poses.read import read_table, refuse_ambiguous
 from calibrant.formats.poses.rows import PoseTable, numbers_of, raw_poses
+from calibrant.formats.poses.time_column import without_times
+from calibrant.reading.notes import note_unused
 from calibrant.robots.chain import KinematicChain
 
 _FARTHEST_M = 50.0
@@ -62,11 +69,13 @@ def read_measurements(
     if has_rotation(rest.header):
         raw = replace(raw_poses(rest), options=asked)
         refuse_ambiguous(raw)
+        note_unused(raw.source, without_times(raw.unused))
         notation = notations(raw)[0]
         T = notation.T_base_gripper
         source = f"{table.source}: {words}; {notation.description}"
         return JointMeasurements(ids, q, T[:, :3, 3], T[:, :3, :3], names, source)
     positions, unit = _positions(rest, asked)
+    note_unused(table.source, without_times(unused_beside_position(rest.header)))
     source = f"{table.source}: {words}; positions in {unit}"
     return JointMeasurements(ids, q, positions * LENGTH_UNITS[unit], None, names, source)
 

@@ -1,4 +1,4 @@
-"""Poses as programs print them: controllers' own text, ROS's tf_echo, NumPy's brackets, a JSON value a line.
+"""Poses as programs print them: controllers' own text, ROS's tf_echo, a JSON value a line.
 
 What none of the syntaxes of `poses` reads is looked at here. Each pattern is recognised by a mark of its own, and reads
 the text only when it explains every such mark: a line that it cannot read is left to the syntax's own error.
@@ -15,9 +15,9 @@ from calibrant.errors import InputError
 from calibrant.formats.poses.makers import FORMATS, RobotFormat, controller_text
 from calibrant.formats.poses.raw import PoseOptions
 from calibrant.formats.poses.rows import PoseTable
-from calibrant.formats.poses.text import read_text_table
+from calibrant.reading.json_text import parse_json
 
-_N = r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*"
+_N = r"\s*+([-+]?(?:\d++\.?+\d*+|\.\d++)(?:[eE][-+]?\d++)?+)\s*+"
 _TF_ECHO = RobotFormat(
     "ROS",
     PoseOptions(units="m", rotation="quat-xyzw", direction="base-gripper"),
@@ -44,8 +44,6 @@ _PRINTS = (
     _Print(re.compile(r"\bP\[\d+"), FORMATS["fanuc"]),
     _Print(re.compile(r"\bTranslation:"), _TF_ECHO),
 )
-_BRACKETS = re.compile(r"\b(?:np\.|numpy\.)?(?:array|matrix)\s*\(|dtype\s*=\s*\w+|[\[\]()]")
-_NUMBERS = re.compile(r"[-+\d.,;eE\s]*")
 
 
 def read_printed(text: str, source: str) -> PoseTable | None:
@@ -55,15 +53,7 @@ def read_printed(text: str, source: str) -> PoseTable | None:
         table = controller_text(text, source, known.form) if count else None
         if table is not None and len(table.rows) == count:
             return table
-    return _brackets(text, source)
-
-
-def _brackets(text: str, source: str) -> PoseTable | None:
-    """Numbers in NumPy's brackets, read as the lines of numbers they are."""
-    plain = "\n".join(_BRACKETS.sub(" ", line).strip(" ,") for line in text.splitlines())
-    if plain == text or "[" not in text or not _NUMBERS.fullmatch(plain):
-        return None
-    return read_text_table(plain, source)
+    return None
 
 
 def read_lines(text: str, source: str) -> list[Any] | None:
@@ -72,8 +62,8 @@ def read_lines(text: str, source: str) -> list[Any] | None:
     if len(lines) < 2 or not all(line[0] + line[-1] in ("{}", "[]") for _, line in lines):
         return None
     try:
-        json.loads(lines[0][1])
-    except json.JSONDecodeError:
+        parse_json(lines[0][1])
+    except (json.JSONDecodeError, InputError):
         return None
     from calibrant.formats.cameras.opencv_storage import read_json  # YAML's library: not for tables
 

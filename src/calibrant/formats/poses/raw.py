@@ -50,7 +50,8 @@ class RawPoses:
 
     translation (n, 3) and rotation (n, 3), (n, 4) or (n, 3, 3): the file's numbers in the file's order and units.
     names (n,): what the file calls each pose, or None. places (n,): where each stands, for messages.
-    target: poses T_camera_target of the same moments, when the file holds pairs. notes: what was passed over.
+    target: poses T_camera_target of the same moments, when the file holds pairs. notes: how numbers were read that
+    could be read otherwise; unused: the columns that were passed over.
     times (n,): seconds, where a column says when each pose was taken. joints (n, k): the joint values that forward
     kinematics made the poses from, radians and metres. rotation_first: the same rows of six bare numbers with the
     rotation in front of the position, where the numbers leave both orders open.
@@ -65,6 +66,7 @@ class RawPoses:
     source: str = ""
     target: RawPoses | None = None
     notes: tuple[str, ...] = ()
+    unused: tuple[str, ...] = ()
     times: Array | None = None
     joints: Array | None = None
     rotation_first: RawPoses | None = None

@@ -6,10 +6,10 @@
 
 from __future__ import annotations
 
-import codecs
 import glob
+import os
 from collections.abc import Callable, Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ import numpy as np
 from calibrant.data.file_names import distinct_names
 from calibrant.errors import InputError
 from calibrant.formats.poses.arrays import ARRAYS, read_arrays
+from calibrant.formats.poses.blocks import read_blocks
 from calibrant.formats.poses.columns import is_header
 from calibrant.formats.poses.documents import read_document
 from calibrant.formats.poses.joint_columns import joints_in, poses_from_joints
@@ -30,12 +31,18 @@ from calibrant.formats.poses.notations import notations as notations
 from calibrant.formats.poses.notations import options as options
 from calibrant.formats.poses.prints import read_documents, read_lines, read_printed
 from calibrant.formats.poses.raw import RawPoses as RawPoses
+from calibrant.formats.poses.results import poses_of_result
 from calibrant.formats.poses.rows import PoseTable, header_of, raw_poses
 from calibrant.formats.poses.text import read_labelled_pairs, read_text_table
-from calibrant.formats.poses.time_column import times_beside
+from calibrant.formats.poses.time_column import times_beside, without_times
+from calibrant.reading.files import TEXT, decoded, read_bytes
+from calibrant.reading.notes import heard, note, note_unused
+from calibrant.reading.python_print import read_python
 from calibrant.robots.chain import KinematicChain
 
 Parsed = tuple[PoseTable, PoseTable | None]
+_REFERENCES = 3
+"""Files that name each other one after the other: a list of poses' files needs one step."""
 
 
 def read_poses(
@@ -66,7 +73,7 @@ def read_poses(
     table, target = read_table(paths, fmt)
     if robot is not None:
         raw = replace(poses_from_joints(table, robot, angle=joint_angle), times=times_beside(table))
-        return raw if target is None else replace(raw, target=raw_poses(target))
+        return _said(raw if target is None else replace(raw, target=raw_poses(target)))
     if joints_in(table, None) is not None and not is_header(table.header):
         raise InputError(
             f"{table.source}: joint values without poses; say which robot they are of (--robot FILE, a URDF or DH "
@@ -74,7 +81,18 @@ def read_poses(
         )
     asked = asked if fmt is None else options(**vars(merged(asked, fmt)))
     raw = replace(raw_poses(table), options=asked, times=times_beside(table))
-    return raw if target is None else replace(raw, target=raw_poses(target))
+    return _said(raw if target is None else replace(raw, target=raw_poses(target)))
+
+
+def _said(raw: RawPoses) -> RawPoses:
+    """The poses, once it is said how they were read and what of their file was not used."""
+    for half in (raw, raw.target):
+        if half is None:
+            continue
+        for words in half.notes:
+            note(f"{half.source}: {words}")
+        note_unused(half.source, without_times(half.unused) if half.times is not None else half.unused)
+    return raw
 
 
 def read_table(paths: str | Path | Iterable[str | Path], fmt: RobotFormat | None = None) -> Parsed:
@@ -124,14 +142,17 @@ def _files(paths: str | Path | Iterable[str | Path]) -> list[Path]:
 def _joined(files: list[Path], fmt: RobotFormat | None) -> Parsed:
     """One table from files of one pose each, named by their stems, and one of target poses where each holds a pair."""
     parsed = []
-    for path in files:
-        table, target = _parse(path, fmt)
-        if len(table.rows) != 1:
-            raise InputError(
-                f"{path}: {len(table.rows)} poses; where several files are given, each holds one pose; "
-                "give one file alone, or files of one pose"
-            )
-        parsed.append((table, target))
+    with heard() as notes:
+        for path in files:
+            table, target = _parse(path, fmt)
+            if len(table.rows) != 1:
+                raise InputError(
+                    f"{path}: {len(table.rows)} poses; where several files are given, each holds one pose; "
+                    "give one file alone, or files of one pose"
+                )
+            parsed.append((table, target))
+    if notes:
+        note(notes[0] if len(notes) == 1 else f"{notes[0]} (and so in other files: {len(notes)} notes)")
     alone = [path for path, (_, target) in zip(files, parsed) if target is None]
     if 0 < len(alone) < len(files):
         raise InputError(
@@ -169,47 +190,57 @@ def _named_alike(tables: list[PoseTable]) -> list[PoseTable]:
     return tables if named is None else [replace(t, header=named[0], stated=named[1]) for t in tables]
 
 
-def _parse(path: Path, fmt: RobotFormat | None = None) -> Parsed:
+def _parse(path: Path, fmt: RobotFormat | None = None, above: tuple[Path, ...] = ()) -> Parsed:
+    """The tables of one file. Args: above: the files whose entries led here."""
     if path.suffix.lower() in ARRAYS:
-        return _read_data(read_arrays(path), path)
-    text = _decoded_text(path)
+        return _read_data(read_arrays(path), path, above)
+    text = decoded(
+        read_bytes(path, most=TEXT, what="pose file"),
+        path,
+        what="pose file",
+        expected=f"poses in one of {', '.join(SUFFIXES)}",
+        latin=True,
+    )
     if not text.strip():
         raise InputError(f"{path}: no poses: the file is empty")
     native = None if fmt is None else controller_text(text, str(path), fmt)
     if native is not None:
         return native, None
-    reader = READERS.get(path.suffix.lower(), _read_unknown)
     documents = read_documents(text, str(path))
     if documents is not None:
-        return _read_data(documents, path)
-    if reader in (_read_json, _read_yaml, _read_xml):
-        return reader(text, path)
+        return _read_data(documents, path, above)
+    reader = READERS.get(path.suffix.lower(), _read_unknown)
     try:
-        parsed = reader(text, path)
+        found = reader(text, path)
     except InputError:
-        printed = read_printed(text, str(path))
-        if printed is None:
+        other = _printed(text, path, above)
+        if other is None:
             raise
-        return printed, None
+        return other
+    if isinstance(found, _Data):
+        return _read_data(found.value, path, above)
+    parsed = found
     # A line of a controller's text passes for a header, which then names no pose.
-    printed = None if is_header(parsed[0].header) else read_printed(text, str(path))
-    return parsed if printed is None else (printed, None)
+    other = None if is_header(parsed[0].header) else _printed(text, path, above)
+    return parsed if other is None else other
 
 
-def _decoded_text(path: Path) -> str:
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {(error.strerror or str(error)).lower()}") from error
-    if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        return raw.decode("utf-16", errors="replace")
-    if b"\0" in raw:
-        raise InputError(f"{path}: a binary file; poses are read from {', '.join(SUFFIXES)}")
-    try:
-        return raw.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        # Not UTF-8: then Latin-1, where spreadsheets of older systems keep their degree sign.
-        return raw.decode("latin-1")
+def _printed(text: str, path: Path, above: tuple[Path, ...]) -> Parsed | None:
+    """The poses in a text as programs print and log them; None for all others."""
+    printed = read_printed(text, str(path))
+    if printed is not None:
+        return printed, None
+    value = read_python(text)
+    if isinstance(value, dict | list):
+        return _read_data(value, path, above)
+    return read_blocks(text, str(path))
+
+
+@dataclass(frozen=True)
+class _Data:
+    """What a document holds, before its poses are looked for."""
+
+    value: Any
 
 
 def _read_text(text: str, path: Path) -> Parsed:
@@ -217,26 +248,26 @@ def _read_text(text: str, path: Path) -> Parsed:
     return (read_text_table(text, str(path)), None) if pairs is None else pairs
 
 
-def _read_json(text: str, path: Path) -> Parsed:
+def _read_json(text: str, path: Path) -> _Data:
     from calibrant.formats.cameras.opencv_storage import read_json  # YAML's library: not for tables
 
     lines = read_lines(text, str(path))
-    return _read_data(read_json(text, str(path)) if lines is None else lines, path)
+    return _Data(read_json(text, str(path)) if lines is None else lines)
 
 
-def _read_yaml(text: str, path: Path) -> Parsed:
+def _read_yaml(text: str, path: Path) -> _Data:
     from calibrant.formats.cameras.opencv_storage import read_yaml  # YAML's library: not for tables
 
-    return _read_data(read_yaml(text, str(path)), path)
+    return _Data(read_yaml(text, str(path)))
 
 
-def _read_xml(text: str, path: Path) -> Parsed:
+def _read_xml(text: str, path: Path) -> _Data:
     from calibrant.formats.cameras.opencv_storage import read_xml  # YAML's library: not for tables
 
-    return _read_data(read_xml(text, str(path)), path)
+    return _Data(read_xml(text, str(path)))
 
 
-def _read_unknown(text: str, path: Path) -> Parsed:
+def _read_unknown(text: str, path: Path) -> Parsed | _Data:
     """A file whose suffix says nothing: by its first character or line."""
     start = text.lstrip()
     if start.startswith(("{", "[")):
@@ -248,19 +279,32 @@ def _read_unknown(text: str, path: Path) -> Parsed:
     return _read_text(text, path)
 
 
-def _read_data(data: Any, path: Path) -> Parsed:
+def _read_data(data: Any, path: Path, above: tuple[Path, ...] = ()) -> Parsed:
+    """The tables of a document's poses. Raises: InputError for files whose entries name each other in a circle."""
+    known: dict[Path, PoseTable] = {}
+    here = (*above, Path(os.path.realpath(path)))
+
     def reference(name: str) -> PoseTable:
         other = path.parent / name
-        if other == path:
-            raise InputError(f"{path}: names itself as the file of a pose")
-        return _parse(other)[0]
+        if Path(os.path.realpath(other)) in here:
+            raise InputError(f"{path}: names {name} as the file of a pose, which leads back to it")
+        if len(here) > _REFERENCES:
+            raise InputError(
+                f"{path}: names {name} as the file of a pose, as {len(here)} files before it do; expected one"
+            )
+        if other not in known:
+            known[other] = _parse(other, above=here)[0]
+        return known[other]
 
+    if isinstance(data, dict) and str(data.get("format", "")).startswith("calibrant/"):
+        return poses_of_result(path)
     return read_document(_plain(data), str(path), read_reference=reference)
 
 
 def _plain(data: Any) -> Any:
     """Arrays of OpenCV's files as lists: a stack of 4x4 matrices as a list of matrices."""
     if isinstance(data, np.ndarray):
+        data = data[..., 0] if data.ndim == 3 and data.shape[2] == 1 else data
         stacked = data.ndim == 2 and data.shape[1] == 4 and data.shape[0] > 4 and data.shape[0] % 4 == 0
         array = data.reshape(-1, 4, 4) if stacked else data.ravel() if 1 in data.shape else data
         return array.tolist()
@@ -269,7 +313,7 @@ def _plain(data: Any) -> Any:
     return [_plain(value) for value in data] if isinstance(data, list) else data
 
 
-READERS: dict[str, Callable[[str, Path], Parsed]] = {
+READERS: dict[str, Callable[[str, Path], Parsed | _Data]] = {
     ".csv": _read_text,
     ".tsv": _read_text,
     ".txt": _read_unknown,

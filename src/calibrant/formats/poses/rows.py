@@ -70,11 +70,11 @@ def raw_poses(table: PoseTable) -> RawPoses:
             rotation, stated = rotations.xyzw_from_wxyz(rotation), replace(stated, rotation="quat-xyzw")
     elif rotation.shape[1] == 9:
         rotation = _rotations(rotation.reshape(-1, 3, 3), numbers[:, :3], table.places)
-    notes = table.notes
-    if layout.passed_over:
-        notes = (*notes, f"columns not used: {', '.join(layout.passed_over)}")
-    raw = RawPoses(numbers[:, :3], rotation, names, table.places, stated, source=table.source, notes=notes)
-    if not table.bare or rotation.shape[1] != 3 or np.abs(numbers).max() > FULL_TURN_DEG:
+    raw = RawPoses(
+        numbers[:, :3], rotation, names, table.places, stated, source=table.source, notes=table.notes,
+        unused=layout.passed_over,
+    )  # fmt: skip
+    if not table.bare or numbers.shape[1] != 6 or np.abs(numbers).max() > FULL_TURN_DEG:
         return raw
     return replace(raw, rotation_first=replace(raw, translation=numbers[:, 3:], rotation=numbers[:, :3]))
 
@@ -121,12 +121,32 @@ def header_of(rows: Sequence[Sequence[Cell]]) -> tuple[tuple[str, ...], Stated] 
         return _ROTATION_FIRST[7], Stated(likely="quat-wxyz")
     if count == 6 and _largest(rows, slice(3, 6)) > FULL_TURN_DEG >= _largest(rows, slice(0, 3)):
         return _ROTATION_FIRST[6], NOTHING_STATED
+    for lead in (0, 1):
+        if count == 12 + lead and (apart := _rotation_apart([row[lead:] for row in rows])) is not None:
+            return ((("index" if counter else "timestamp",) if lead else ()) + apart, NOTHING_STATED)
     if alone is not None and not (counter and no_quaternion_last):
         return alone
     behind = plain_header(count - 1)
     if behind is None:
         return None
     return ("index" if counter else "timestamp", *behind[0]), behind[1]
+
+
+def _rotation_apart(rows: Sequence[Sequence[Cell]]) -> tuple[str, ...] | None:
+    """Column names where nine of twelve numbers side by side are a rotation, and a 3x4 matrix has none."""
+    numbers = _plain_numbers(rows, slice(0, 12))
+    if numbers is None or numbers.shape[1] != 12 or _are_rotations(numbers.reshape(-1, 3, 4)[:, :, :3]):
+        return None
+    block = tuple(f"r{i}{j}" for i in range(1, 4) for j in range(1, 4))
+    if _are_rotations(numbers[:, :9].reshape(-1, 3, 3)):
+        return (*block, "x", "y", "z")
+    return ("x", "y", "z", *block) if _are_rotations(numbers[:, 3:].reshape(-1, 3, 3)) else None
+
+
+def _are_rotations(R: Array) -> bool:
+    with np.errstate(all="ignore"):
+        off = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max() if np.all(np.abs(R) < 2) else np.inf
+    return bool(off < MATRIX_TOLERANCE)
 
 
 def upright(matrices: Sequence[Sequence[Cell]]) -> tuple[tuple[tuple[Cell, ...], ...], str | None]:
@@ -138,7 +158,7 @@ def upright(matrices: Sequence[Sequence[Cell]]) -> tuple[tuple[tuple[Cell, ...],
     def is_last(cells: Sequence[Cell]) -> bool:
         try:
             return [float(c) for c in cells if c is not None] == [0.0, 0.0, 0.0, 1.0]
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             return False
 
     by_columns = [is_last(m[3::4]) and not is_last(m[12:]) for m in matrices]
@@ -178,7 +198,7 @@ def _any_number(cell: Cell, column: str, where: str) -> float:
         if isinstance(cell, bool) or cell is None:
             raise ValueError
         return float(cell)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         found = "empty" if cell is None or cell == "" else repr(cell)
         raise InputError(f"{where}: column {column.strip()!r} is {found}, expected a number") from error
 
@@ -187,7 +207,7 @@ def _counts(rows: Sequence[Sequence[Cell]]) -> bool:
     """True when the first column holds whole numbers that grow by one."""
     try:
         first = np.array([float(row[0]) for row in rows if row[0] is not None])
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return False
     return bool(len(first) > 0 and np.all(first == np.round(first)) and np.all(np.diff(first) == 1))
 
@@ -206,7 +226,7 @@ def _largest(rows: Sequence[Sequence[Cell]], columns: slice) -> float:
 def _plain_numbers(rows: Sequence[Sequence[Cell]], columns: slice) -> Array | None:
     try:
         return np.array([[float(cell) for cell in row[columns] if cell is not None] for row in rows])
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return None
 
 

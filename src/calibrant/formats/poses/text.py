@@ -118,7 +118,11 @@ def _separator(lines: Sequence[str]) -> str | None:
 def _cells(line: str, separator: str | None) -> list[str]:
     if separator is None:
         return line.split()
-    cells = [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
+    try:
+        row = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    except csv.Error as error:
+        raise InputError(f"a line that is no row of a table ({error}): {line[:40]!r} …") from None
+    cells = [cell.strip() for cell in row]
     if separator == ",":
         return cells
     # Where the comma does not separate cells it can only be the decimal comma.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -44,6 +45,11 @@ def times_beside(table: PoseTable) -> Array | None:
     except InputError:
         return None
     return None if found is None or not np.all(np.isfinite(found[0])) else found[0]
+
+
+def without_times(columns: Iterable[str]) -> list[str]:
+    """The columns that hold no times."""
+    return [column for column in columns if _TIME.match(name_and_unit(column)[0]) is None]
 
 
 def in_seconds(values: Array) -> Array:

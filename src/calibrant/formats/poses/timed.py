@@ -16,7 +16,8 @@ from calibrant.formats.poses.makers import merged, robot_format
 from calibrant.formats.poses.notations import PoseNotation, notations, options
 from calibrant.formats.poses.read import read_table, refuse_ambiguous
 from calibrant.formats.poses.rows import PoseTable, raw_poses
-from calibrant.formats.poses.time_column import in_seconds, split_times
+from calibrant.formats.poses.time_column import in_seconds, split_times, without_times
+from calibrant.reading.notes import note_unused
 from calibrant.robots.chain import KinematicChain
 
 
@@ -53,6 +54,7 @@ def read_timed_poses(
     else:
         raw = replace(raw_poses(table), options=asked if fmt is None else merged(asked, fmt))
         refuse_ambiguous(raw)
+    note_unused(raw.source, without_times(raw.unused))
     notation: PoseNotation = notations(raw)[0]
     repeated = _repeated(times, notation.T_base_gripper)
     note = f"; {int(repeated.sum())} samples that repeat the one before are left out" if repeated.any() else ""

@@ -18,6 +18,7 @@ from typing import Any
 import yaml
 
 from calibrant.errors import InputError
+from calibrant.reading.notes import note_unused
 from calibrant.robots.chain import Joint
 from calibrant.robots.dh import DHChain, DHRow, ModifiedDH, StandardDH
 from calibrant.targets.yaml_file import parse_yaml
@@ -25,6 +26,8 @@ from calibrant.targets.yaml_file import parse_yaml
 CONVENTIONS: dict[str, type[StandardDH] | type[ModifiedDH]] = {"standard": StandardDH, "modified": ModifiedDH}
 _LENGTHS = {"m": 1.0, "mm": 1e-3}
 _ANGLES = {"rad": 1.0, "deg": math.pi / 180}
+_LARGEST = 1e9
+"""No length or angle of an arm is larger in any unit."""
 _KEYS = ("a", "alpha", "d", "theta", "beta", "name", "kind", "lower", "upper")
 
 
@@ -37,12 +40,17 @@ def parse_dh(text: str, source: str) -> StandardDH | ModifiedDH:
     if not isinstance(data, Mapping) or not isinstance(data.get("joints"), list) or not data["joints"]:
         raise InputError(f"{source}: no list of joints; expected the keys convention, units, joints of a DH table")
     convention = data.get("convention")
-    if convention not in CONVENTIONS:
+    if not isinstance(convention, str) or convention not in CONVENTIONS:
         raise InputError(f"{source}: convention is {convention!r}, expected {' or '.join(CONVENTIONS)} (Craig's)")
     units = data.get("units")
-    if not isinstance(units, Mapping) or units.get("length") not in _LENGTHS or units.get("angle") not in _ANGLES:
+    if (
+        not isinstance(units, Mapping)
+        or str(units.get("length")) not in _LENGTHS
+        or str(units.get("angle")) not in _ANGLES
+    ):
         raise InputError(f"{source}: units is {units!r}, expected {{length: m or mm, angle: rad or deg}}")
     length, angle = _LENGTHS[units["length"]], _ANGLES[units["angle"]]
+    note_unused(source, (str(key) for key in data if key not in ("convention", "units", "joints", "name")))
     rows, joints = zip(
         *(_dh_row(e, f"{source}: joint {i}", length, angle, i) for i, e in enumerate(data["joints"], start=1))
     )
@@ -97,6 +105,6 @@ def _dh_number(
         raise InputError(f"{where}: no {key}; it has {', '.join(map(str, entry))}")
     if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
         raise InputError(f"{where}: {key} is {value!r}, expected a number")
-    if math.isinf(value) and not endless:
+    if not endless and not abs(value) < _LARGEST:
         raise InputError(f"{where}: {key} is {value!r}, expected a finite number")
     return float(value)

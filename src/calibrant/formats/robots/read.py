@@ -8,11 +8,13 @@ from pathlib import Path
 from calibrant.errors import InputError
 from calibrant.formats.robots.dh_yaml import dh_text, parse_dh
 from calibrant.formats.robots.urdf import UrdfChain, corrected_urdf, new_urdf, parse_urdf
+from calibrant.reading.files import Most, read_text
 from calibrant.robots.arms import ARMS
 from calibrant.robots.dh import DHChain
 from calibrant.robots.geometry import ParametricChain
 from calibrant.robots.links import LinkChain
 
+DESCRIPTION = Most(16_000_000, "a robot of ten thousand links")
 URDF_SUFFIXES = (".urdf", ".xml")
 DH_SUFFIXES = (".yaml", ".yml")
 
@@ -48,11 +50,7 @@ def read_robot(source: str | Path, *, link: str | None = None, base: str | None 
             if isinstance(known, ParametricChain):
                 return _without_links(Robot(known, str(source)), link, base)
         raise InputError(f"no robot file {source}, and no robot of that name; known names: {', '.join(ARMS)}")
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror.lower() if isinstance(error, OSError) and error.strerror else str(error)
-        raise InputError(f"cannot read {path}: {reason}; expected a URDF or a DH table (YAML)") from error
+    text = read_text(path, most=DESCRIPTION, what="robot file", expected="a URDF or a DH table (YAML)")
     if not text.strip():
         raise InputError(f"{path}: the file is empty; expected a URDF or a DH table (YAML)")
     if path.suffix.lower() in URDF_SUFFIXES or text.lstrip().startswith("<"):

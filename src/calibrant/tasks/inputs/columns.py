@@ -10,6 +10,8 @@ import numpy as np
 
 from calibrant.arrays import Array
 from calibrant.errors import InputError
+from calibrant.reading.files import read_text
+from calibrant.reading.notes import note_unused
 
 
 class Columns:
@@ -21,16 +23,23 @@ class Columns:
 
 def read_columns(path: Path, columns: Sequence[str]) -> Columns:
     """Read named columns of a CSV file. Raises: InputError naming the file, the line and what was expected."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot read {path}: expected a CSV file with the columns {', '.join(columns)}") from error
+    text = read_text(path, what="table", expected=f"a CSV file with the columns {', '.join(columns)}")
     reader = csv.DictReader(text.splitlines(), skipinitialspace=True)
-    missing = [c for c in columns if c not in (reader.fieldnames or ())]
+    try:
+        fields = [name.strip() for name in reader.fieldnames or ()]
+        reader.fieldnames = fields
+        table = list(reader)
+    except csv.Error as error:
+        raise InputError(f"{path}:{reader.line_num}: {error}; expected a CSV file") from None
+    missing = [c for c in columns if c not in fields]
     if missing:
         raise InputError(f"{path}: no column {missing[0]!r}; expected the header {','.join(columns)}")
+    twice = [c for c in columns if fields.count(c) > 1]
+    if twice:
+        raise InputError(f"{path}: the column {twice[0]!r} stands there twice; keep one")
+    note_unused(str(path), (name for name in fields if name and name not in (*columns, "image")))
     rows, names = [], []
-    for line, row in enumerate(reader, start=2):
+    for line, row in enumerate(table, start=2):
         try:
             numbers = [float(row[c] or "") for c in columns]
         except ValueError:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from calibrant.errors import InputError
-from calibrant.files import Most, open_file, read_bytes, read_text
+from calibrant.reading.files import Most, open_file, read_bytes, read_text
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="a system without named pipes")

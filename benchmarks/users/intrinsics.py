@@ -19,7 +19,7 @@ USUAL = Draw()
 
 @dataclass(frozen=True)
 class Condition:
-    """A fault, or none: how photos are drawn, what is done to them, what the person tells.
+    """A fault, or none: how photos are drawn, what is done to them, what the person asks for.
 
     known: the data hold what their sigma is. clean: there is nothing to find.
     """
@@ -29,6 +29,7 @@ class Condition:
     edits: tuple[Edit, ...] = ()
     draw: Draw = USUAL
     model: str = "brown"
+    shape: str = "flat"
     known: bool = False
     clean: bool = False
 
@@ -82,6 +83,17 @@ def conditions() -> list[Condition]:
         C("pinhole", "a lens with distortion fitted as pinhole", (), model="pinhole"),
         C("fisheye", "a fisheye lens fitted as brown", (), replace(USUAL, lens="fisheye", focal=(0.5, 0.8))),
         C("division", "a lens of division type fitted as radial", (), replace(USUAL, lens="division"), model="brown"),
+        C("clean-free", "clean, the board's shape asked for", shape="free", clean=True),
+        C("bent-1-free", "board bent by 1 mm, its shape asked for", (f.bent(1.0),), shape="free", known=True),
+        C("twisted-free", "board twisted by 1 mm, its shape asked for", (f.twisted(1.0),), shape="free", known=True),
+        C(
+            "dots-off-free",
+            "dots 0.2 mm off, its shape asked for",
+            (f.dots_off(0.2),),
+            shape="free",
+            known=True,
+        ),
+        C("bent-1-paraboloid", "bent by 1 mm, a paraboloid asked for", (f.bent(1.0),), shape="paraboloid"),
         C("bent-shared", "bent by 0.3 mm, noise shared", (f.bent(0.3), f.shared_noise(1.0, 1.0))),
     ]
     return [replace(c, name=f"intrinsics/{c.name}") for c in table]
@@ -111,7 +123,7 @@ def run(condition: Condition, seed: int) -> Run:
     observations = observed(photos, photos.take())
 
     def estimate() -> tuple[cb.CalibrationResult, Array, Array]:
-        result = cb.calibrate_intrinsics(observations, model=condition.model)
+        result = cb.calibrate_intrinsics(observations, model=condition.model, target_shape=condition.shape)
         camera = result.camera
         rows = [list(camera.parameters).index(name) for name in ("fx", "fy", "cx", "cy")]
         values = np.array([list(camera.parameters.values())[i] for i in rows])

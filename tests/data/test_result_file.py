@@ -62,7 +62,7 @@ def details() -> tuple[object, ...]:
             {"a": (RobotParameter("q1", "rad", 0.1 + 0.2, 1 / 3), RobotParameter("q2", "m", 0.0, None, "no"))}
         ),
         JointAxes((JointAxis("q1", "revolute", (0.0, 0.0, 1.0), (1 / 3, 0.0, 0.1), 0.01, None),)),
-        BentTarget((0.1 + 0.2, -1.5), (1 / 3, 0.1), 0.5),
+        BentTarget((0.1 + 0.2, -1.5), (1 / 3, 0.1), 0.5, -0.2, 1 / 7),
         FreeTarget(2, 0.1, 1 / 3, 0.5, 0.01, {"0": (0.1, 0.2, 1 / 7), "1": (0.0, 0.0, -0.5)}),
         ModelChoice((ModelCandidate("brown", 9, 0.1, 0.2, -1.5), ModelCandidate("tilted", 0, reason="no"))),
         SharedErrors(2.0, 1.5, 1 / 3, 1.0, {"fx": 0.1 + 0.2}),

@@ -46,3 +46,25 @@ def test_faults_of_a_yaml_file_are_named(tmp_path: Path) -> None:
     wrong.write_text("target: charuco:5x7\n")
     with pytest.raises(InputError, match=r"wrong\.yml: target"):
         parse_target(str(wrong))
+
+
+def test_squares_that_are_not_square_have_two_lengths() -> None:
+    target = parse_target("chessboard:9x6:25mm:24.5mm")
+    assert target.points[-1].tolist() == pytest.approx([0.2, 0.1225, 0.0])
+    assert target.spec == "chessboard:9x6:25mm:24.5mm"
+    assert parse_target(target.spec) == target
+    assert target.scaled(2.0).spec == "chessboard:9x6:50mm:49mm"
+    x0, y0, x1, y1 = target.artwork().bounds
+    assert (x1 - x0, y1 - y0) == pytest.approx((12 * 0.025, 9 * 0.0245))
+    assert parse_target("chessboard:8x8:25mm").turns_unnoticed_deg == 90  # type: ignore[attr-defined]
+    assert parse_target("chessboard:8x8:25mm:24mm").turns_unnoticed_deg == 180  # type: ignore[attr-defined]
+    with pytest.raises(InputError, match=r"such as chessboard:9x6:25mm, or chessboard:9x6:25mm:24\.5mm"):
+        parse_target("chessboard:9x6:25mm:24mm:3mm")
+
+
+def test_rows_of_circles_have_a_spacing_of_their_own() -> None:
+    target = parse_target("circles:10x8:25mm:bigdot:down=24.9mm")
+    assert target.points[-1].tolist() == pytest.approx([0.225, 7 * 0.0249, 0.0])
+    assert parse_target(target.spec) == target
+    assert parse_target("circles:10x10:25mm:down=24mm").turns_unnoticed_deg == 180  # type: ignore[attr-defined]
+    assert parse_target("circles:7x11:40mm:asymmetric:down=39mm").scaled(0.5).spec.endswith(":down=19.5mm")

@@ -75,11 +75,14 @@ class ModelChoice:
 
 @dataclass(frozen=True)
 class BentTarget:
-    """A target bent like a dish: its sag across columns and across rows with 1 sigma, and its largest, mm."""
+    """A target bent like a dish: its sag across columns and across rows with 1 sigma, its largest, and its twist (how
+    far a corner leaves the dish, two of them up and two down), mm."""
 
     bend_mm: tuple[float, float]
     bend_sigma_mm: tuple[float, float]
     largest_mm: float
+    twist_mm: float = 0.0
+    twist_sigma_mm: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -15,16 +15,21 @@ from numpy.typing import NDArray
 
 from calibrant.arrays import Array
 from calibrant.errors import InputError
+from calibrant.targets.lengths import check_length
 from calibrant.targets.target import Artwork, Polygon, Target
 
 
 @dataclass(frozen=True)
 class Chessboard(Target):
-    """A chessboard of `columns` x `rows` inner corners with squares of `square` metres."""
+    """A chessboard of `columns` x `rows` inner corners with squares of `square` metres.
+
+    height: of the squares down the rows, metres, where the print made rectangles of them; None for squares.
+    """
 
     columns: int
     rows: int
     square: float
+    height: float | None = None
     kind: ClassVar[str] = "chessboard"
 
     def __post_init__(self) -> None:
@@ -35,12 +40,20 @@ class Chessboard(Target):
             )
         if not (np.isfinite(self.square) and self.square > 0):
             raise InputError(f"the squares of a chessboard must be larger than 0 m, got {self.square} m")
+        if self.height is not None:
+            check_length(self.height, what="the height of a chessboard's squares")
+
+    @property
+    def sides(self) -> tuple[float, float]:
+        """Width and height of a square, metres."""
+        return self.square, self.square if self.height is None else self.height
 
     @property
     def points(self) -> Array:
         """Inner corners (columns * rows, 3), row by row, metres."""
         x, y = np.meshgrid(np.arange(self.columns), np.arange(self.rows))
-        return self.square * np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1).astype(np.float64)
+        steps = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1).astype(np.float64)
+        return steps * [*self.sides, 1.0]
 
     @property
     def point_ids(self) -> NDArray[np.int64]:
@@ -48,7 +61,8 @@ class Chessboard(Target):
 
     @property
     def spec(self) -> str:
-        return f"chessboard:{self.columns}x{self.rows}:{1e3 * self.square:.10g}mm"
+        lengths = [self.square] if self.height is None else [self.square, self.height]
+        return ":".join([self.kind, f"{self.columns}x{self.rows}", *(f"{1e3 * length:.10g}mm" for length in lengths)])
 
     @property
     def turns_unnoticed_deg(self) -> int | None:
@@ -58,18 +72,20 @@ class Chessboard(Target):
         """
         if (self.columns + self.rows) % 2:
             return None
-        return 90 if self.columns == self.rows and self.columns % 2 == 0 else 180
+        width, height = self.sides
+        return 90 if self.columns == self.rows and self.columns % 2 == 0 and width == height else 180
 
     def artwork(self) -> Artwork:
         """The squares on white paper, with a quiet zone one square wide."""
-        s = self.square
+        w, h = self.sides
         dark = tuple(
-            Polygon(((s * i, s * j), (s * (i + 1), s * j), (s * (i + 1), s * (j + 1)), (s * i, s * (j + 1))))
+            Polygon(((w * i, h * j), (w * (i + 1), h * j), (w * (i + 1), h * (j + 1)), (w * i, h * (j + 1))))
             for j in range(-1, self.rows)
             for i in range(-1, self.columns)
             if (i + j) % 2 == 0
         )
-        return Artwork((-2 * s, -2 * s, s * (self.columns + 1), s * (self.rows + 1)), dark)
+        return Artwork((-2 * w, -2 * h, w * (self.columns + 1), h * (self.rows + 1)), dark)
 
     def scaled(self, factor: float) -> Chessboard:
-        return replace(self, square=self.square * factor)
+        height = None if self.height is None else self.height * factor
+        return replace(self, square=self.square * factor, height=height)

@@ -23,7 +23,7 @@ from calibrant.targets.lengths import check_length, format_length, parse_length
 from calibrant.targets.target import Artwork, Disc, Target
 
 SYNTAX = (
-    "circles:COLUMNSxROWS:SPACING[:asymmetric|:symmetric][:bigdot][:inverted][:dots=DIAMETER], such as "
+    "circles:COLUMNSxROWS:SPACING[:asymmetric|:symmetric][:bigdot][:inverted][:dots=DIAMETER][:down=SPACING], such as "
     "circles:7x11:40mm:asymmetric"
 )
 BIG = 2.0
@@ -39,7 +39,7 @@ class Circles(Target):
 
     asymmetric: odd rows are shifted; bigdot: the dot at the origin has twice the diameter; inverted: light dots on a
     dark ground; dots: diameter of a dot, metres, or None for half of the spacing. It matters for the print alone: a
-    detector measures the dots.
+    detector measures the dots. down: spacing of the rows, metres, where the print made it another than along them.
     """
 
     kind: ClassVar[str] = "circles"
@@ -51,6 +51,7 @@ class Circles(Target):
     bigdot: bool = False
     inverted: bool = False
     dots: float | None = None
+    down: float | None = None
 
     def __post_init__(self) -> None:
         if self.columns < 3 or self.rows < 3:
@@ -58,6 +59,8 @@ class Circles(Target):
                 f"a grid of {self.columns}x{self.rows} circles cannot be told from other spots; give at least 3x3"
             )
         check_length(self.spacing, what="the spacing of the circles")
+        if self.down is not None:
+            check_length(self.down, what="the spacing of the rows of circles")
         if self.asymmetric and self.bigdot:
             raise InputError("an asymmetric grid of circles needs no big dot; leave out asymmetric or bigdot")
         if self.dots is None:
@@ -87,7 +90,8 @@ class Circles(Target):
     @cached_property
     def points(self) -> Array:
         """Centres of the circles, (columns * rows, 3) metres, row by row."""
-        points = np.column_stack([self.steps * self.spacing, np.zeros(len(self.steps))])
+        step = [self.spacing, self.spacing if self.down is None else self.down]
+        points = np.column_stack([self.steps * step, np.zeros(len(self.steps))])
         points.setflags(write=False)
         return points
 
@@ -106,15 +110,16 @@ class Circles(Target):
         """
         if self.bigdot or (self.asymmetric and self.rows % 2):
             return None
-        square = self.columns == self.rows and not self.asymmetric
+        square = self.columns == self.rows and not self.asymmetric and self.down in (None, self.spacing)
         return 90 if square else 180
 
     @property
     def spec(self) -> str:
-        """circles:COLUMNSxROWS:SPACING[:asymmetric][:bigdot][:inverted][:dots=DIAMETER]."""
+        """circles:COLUMNSxROWS:SPACING[:asymmetric][:bigdot][:inverted][:dots=DIAMETER][:down=SPACING]."""
         options = ["asymmetric"] * self.asymmetric + ["bigdot"] * self.bigdot + ["inverted"] * self.inverted
         dots = [] if self.dots is None else [f"dots={format_length(self.dots)}"]
-        return ":".join([self.kind, f"{self.columns}x{self.rows}", format_length(self.spacing), *options, *dots])
+        down = [] if self.down is None else [f"down={format_length(self.down)}"]
+        return ":".join([self.kind, f"{self.columns}x{self.rows}", format_length(self.spacing), *options, *dots, *down])
 
     def artwork(self) -> Artwork:
         """The dots, with a quiet zone of one spacing around their centres' box."""
@@ -131,8 +136,8 @@ class Circles(Target):
 
     def scaled(self, factor: float) -> Circles:
         """The same grid with spacing and dots times `factor`."""
-        dots = None if self.dots is None else self.dots * factor
-        return replace(self, spacing=self.spacing * factor, dots=dots)
+        dots, down = (None if length is None else length * factor for length in (self.dots, self.down))
+        return replace(self, spacing=self.spacing * factor, dots=dots, down=down)
 
 
 def parse(fields: Sequence[str]) -> Circles:
@@ -142,11 +147,13 @@ def parse(fields: Sequence[str]) -> Circles:
     size, spacing, *options = fields
     words = [word.strip().lower() for word in options]
     sizes = [word.removeprefix("dots=") for word in words if word.startswith("dots=")]
+    downs = [word.removeprefix("down=") for word in words if word.startswith("down=")]
     known = ("asymmetric", "symmetric", "bigdot", "inverted")
-    unknown = [word for word in words if word not in known and not word.startswith("dots=")]
+    unknown = [word for word in words if word not in known and not word.startswith(("dots=", "down="))]
     if unknown:
         raise InputError(
-            f"unknown option {unknown[0]!r} of a grid of circles; known options: {', '.join(known)}, dots=DIAMETER"
+            f"unknown option {unknown[0]!r} of a grid of circles; known options: {', '.join(known)}, dots=DIAMETER, "
+            "down=SPACING of the rows"
         )
     if "asymmetric" in words and "symmetric" in words:
         raise InputError("a grid of circles is either symmetric or asymmetric; leave one out")
@@ -159,4 +166,5 @@ def parse(fields: Sequence[str]) -> Circles:
         bigdot="bigdot" in words,
         inverted="inverted" in words,
         dots=parse_length(sizes[-1], what="the diameter of the dots") if sizes else None,
+        down=parse_length(downs[-1], what="the spacing of the rows of circles") if downs else None,
     )

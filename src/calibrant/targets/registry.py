@@ -22,16 +22,20 @@ class TargetKind:
     parse: Callable[[Sequence[str]], Target]
 
 
-_CHESSBOARD = "chessboard:COLUMNSxROWS:SQUARE in inner corners, such as chessboard:9x6:25mm"
+_CHESSBOARD = (
+    "chessboard:COLUMNSxROWS:SQUARE in inner corners, such as chessboard:9x6:25mm, or chessboard:9x6:25mm:24.5mm for a "
+    "print whose squares are 25 mm wide and 24.5 mm high"
+)
 
 
 def _chessboard(fields: Sequence[str]) -> Target:
     from calibrant.targets.chessboard import Chessboard
 
-    if len(fields) != 2:
+    if len(fields) not in (2, 3):
         raise InputError(f"a chessboard spec needs a size and a length: {_CHESSBOARD}")
     columns, rows = parse_grid(fields[0], what="a chessboard's size in inner corners")
-    return Chessboard(columns, rows, parse_length(fields[1], what="the square's side"))
+    lengths = [parse_length(field, what="the square's side") for field in fields[1:]]
+    return Chessboard(columns, rows, *lengths)
 
 
 KINDS: dict[str, TargetKind] = {

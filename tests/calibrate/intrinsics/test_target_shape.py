@@ -18,12 +18,13 @@ from calibrant.simulate.scenes import grid, intrinsics_scene, look_at_board, obs
 CAMERA, POINTS = standard_camera(), grid(9, 7, 0.03)
 ACROSS = 2 * POINTS[:, :2] / POINTS[:, :2].max(axis=0) - 1
 BEND_MM = np.array([0.6, -0.4])
+TWIST_MM = 0.3
 
 
 def bent(seed: int, *, sigma: float = 0.05, views: int = 25, shape: np.ndarray | None = None) -> Observations:
     """Views of a deformed board, reported with its nominal points as a detector would."""
     rng = np.random.default_rng(seed)
-    z = (1 - ACROSS**2) @ BEND_MM * 1e-3
+    z = ((1 - ACROSS**2) @ BEND_MM + TWIST_MM * ACROSS.prod(axis=1)) * 1e-3
     true = POINTS + np.stack([0 * z, 0 * z, z], axis=1) if shape is None else shape
     T = look_at_board(CAMERA, POINTS, views, rng=rng)
     seen = observe(CAMERA, true, T, sigma_px=sigma, rng=rng)
@@ -43,6 +44,10 @@ def test_paraboloid_is_found() -> None:
     found, sigma = np.array(shape.bend_mm), np.array(shape.bend_sigma_mm)
     assert np.all(np.abs(found - BEND_MM) < 4 * sigma)
     assert np.all(sigma < 0.02)
+    assert abs(shape.twist_mm - TWIST_MM) < 4 * shape.twist_sigma_mm
+    assert shape.twist_sigma_mm < 0.02
+    assert result.check("residual-structure").status == "ok"
+    assert [c.name for c in result.checks if c.name.startswith("board-flat")] == []
     assert result.sigma_px == pytest.approx(0.05, rel=0.06)
     assert result.options["target_shape"] == "paraboloid"
 

@@ -1,6 +1,7 @@
 """The target's own shape: boards that are not flat, estimated with the camera.
 
-    paraboloid   z += a (1 - x^2) + b (1 - y^2), x and y in -1 … 1 across the board: mrcal's two modes
+    paraboloid   z += a (1 - x^2) + b (1 - y^2) + c x y, x and y in -1 … 1 across the board: mrcal's two modes, and the
+                 twist, without which a sheet bends along its own edges only
     free         every point of the target on its own, as OpenCV's calibrateCameraRO
 
 Free points leave seven directions open, for turning, moving and scaling the board turns, moves and scales the poses and
@@ -69,7 +70,8 @@ def with_noise(shape: BentTarget | FreeTarget, sigma_px: float) -> BentTarget | 
     if isinstance(shape, FreeTarget):
         return replace(shape, typical_sigma_mm=shape.typical_sigma_mm * sigma_px)
     across, down = shape.bend_sigma_mm
-    return replace(shape, bend_sigma_mm=(across * sigma_px, down * sigma_px))
+    twist = shape.twist_sigma_mm * sigma_px
+    return replace(shape, bend_sigma_mm=(across * sigma_px, down * sigma_px), twist_sigma_mm=twist)
 
 
 def _variables(flat: Flat) -> tuple[Variable, Variable, Manifold]:
@@ -81,13 +83,14 @@ def _variables(flat: Flat) -> tuple[Variable, Variable, Manifold]:
 
 
 def paraboloid(flat: Flat) -> Shaped:
-    """Two modes: the board's middle against its edges, along each of its axes."""
+    """Three modes: the board's middle against its edges, along each of its axes, and its corners against each other."""
     points = flat.stacked.points
     planar = planar_start.in_plane(points)
     low, high = planar.xy.min(axis=0), planar.xy.max(axis=0)
     across = 2 * (planar.xy - low) / (high - low) - 1
     normal = planar.T_plane_target[2, :3]
-    directions = (1 - across.T**2)[:, :, None] * normal
+    modes = np.stack([1 - across[:, 0] ** 2, 1 - across[:, 1] ** 2, across[:, 0] * across[:, 1]])
+    directions = modes[:, :, None] * normal
     factor = ReprojectionFactor(
         "reprojection",
         model=flat.model,
@@ -97,15 +100,16 @@ def paraboloid(flat: Flat) -> Shaped:
         modes=TargetModes(BEND, directions),
     )
     poses, camera, _ = _variables(flat)
-    bend = Variable(BEND, Euclidean(("bend across columns", "bend across rows")), np.zeros((1, 2)), words="the target")
+    names = ("bend across columns", "bend across rows", "twist")
+    bend = Variable(BEND, Euclidean(names), np.zeros((1, 3)), words="the target")
     solution = solve(Problem((poses, camera, bend), (factor, *_priors(flat))))
     if solution.unobservable:
         raise RefusedError(f"the target's shape is not determined: {solution.unobservable[0].message}")
     values, sigma = solution.value(BEND)[0], np.sqrt(np.diag(solution.covariance(BEND)))
-    columns, rows = (1e3 * values).tolist()
-    sigma_columns, sigma_rows = (1e3 * sigma).tolist()
-    largest = float(1e3 * np.abs((1 - across**2) @ values).max())
-    shape = BentTarget((columns, rows), (sigma_columns, sigma_rows), largest)
+    columns, rows, twist = (1e3 * values).tolist()
+    sigma_columns, sigma_rows, sigma_twist = (1e3 * sigma).tolist()
+    largest = float(1e3 * np.abs(values @ modes).max())
+    shape = BentTarget((columns, rows), (sigma_columns, sigma_rows), largest, twist, sigma_twist)
     return Shaped(solution, solution.value("T_camera_target"), shape, 0)
 
 

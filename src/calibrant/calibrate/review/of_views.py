@@ -6,34 +6,50 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from calibrant.arrays import Array
-from calibrant.calibrate.review.one_camera import NAME, one_camera, with_spread
-from calibrant.calibrate.review.residuals import seen_poses
+from calibrant.calibrate.review.board_shape import board_checks
+from calibrant.calibrate.review.one_camera import OneCamera, one_camera, with_spread
+from calibrant.calibrate.review.residuals import Structure, seen_poses
 from calibrant.calibrate.review.view_scores import rows_of, view_scores
 from calibrant.data import CalibrationResult, Check, verdict_of
+from calibrant.data.details import BentTarget, FreeTarget
 
 
-def with_view_checks(result: CalibrationResult, poses: Mapping[tuple[str, str], Array]) -> CalibrationResult:
+def with_view_checks(
+    result: CalibrationResult, poses: Mapping[tuple[str, str], Array], structures: Mapping[str, Structure]
+) -> CalibrationResult:
     """The result with the checks of its views' scores that it does not have yet, each camera's lens by itself.
 
     Args: poses, T_camera_target by (camera, view id), of the calibration. Where a robot had a say in them, each view's
-    pose is fitted to its points alone.
+    pose is fitted to its points alone. structures, of the residuals by camera.
     """
     known = {c.name for c in result.checks}
     alone = len(result.cameras) == 1
     cameras, new = dict(result.cameras), list[Check]()
     own = poses if result.is_about_cameras else None
     for name in result.cameras:
-        label = NAME if alone else f"{NAME}-{name}"
-        if label in known:
-            continue
-        own = seen_poses(result) if own is None else own
-        rows = rows_of(result, name, own)
-        scores = None if rows is None else view_scores(rows)
-        if rows is None or scores is None:
-            continue
-        found = one_camera(scores, [v.file or v.id for v in rows.views])
-        new.append(replace(found.check, name=label))
-        if found.between is not None:
+        if own is None:
+            own = seen_poses(result)
+        found, checks = _asked(result, name, own, structures.get(name))
+        asked = [c if alone else replace(c, name=f"{c.name}-{name}") for c in checks]
+        asked = [c for c in asked if c.name not in known]
+        new += asked
+        if found is not None and found.between is not None and asked:
             cameras[name] = with_spread(cameras[name], found.between)
     checks = (*result.checks, *new)
     return replace(result, checks=checks, cameras=cameras, verdict=verdict_of(checks))
+
+
+def _asked(
+    result: CalibrationResult, name: str, poses: Mapping[tuple[str, str], Array], structure: Structure | None
+) -> tuple[OneCamera | None, tuple[Check, ...]]:
+    """What the views of one camera answer; nothing where its lens was given."""
+    rows = rows_of(result, name, poses)
+    scores = None if rows is None else view_scores(rows)
+    if rows is None or scores is None:
+        return None, ()
+    found = one_camera(scores, [v.file or v.id for v in rows.views])
+    if structure is not None and structure.lens_too_simple:
+        return found, (found.check,)
+    target = result.observations.target if result.observations is not None else None
+    shaped = any(result.detail(kind) is not None for kind in (BentTarget, FreeTarget))
+    return found, (found.check, *board_checks(rows, scores, target=target, shaped=shaped))

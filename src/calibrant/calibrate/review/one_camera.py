@@ -224,7 +224,7 @@ def _single(scores: ViewScores, lenses: OwnLenses, names: Sequence[str]) -> OneC
     if apart < _MATTERS:
         return None
     name = names[worst].rsplit("/", 1)[-1]
-    sizes = (f"{offset[0]:+.2%} of scale", f"{offset[1]:+.2g} px to the right", f"{offset[2]:+.2g} px down")
+    sizes = (f"{100 * offset[0]:+.2g} % of scale", f"{offset[1]:+.2g} px to the right", f"{offset[2]:+.2g} px down")
     message = (
         f"{name} alone sees another lens, {sizes[kind]} against the other views ({1e3 * apart:.2g} mrad): another "
         f"zoom, focus or crop? Leave it out: --exclude {name}"

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from calibrant.arrays import Array
 from calibrant.calibrate.reprojection.outliers import median
+from calibrant.calibrate.review.target_points import target_points
 from calibrant.data import CalibrationResult, Check, View
 from calibrant.errors import InputError
 from calibrant.geometry import se3
@@ -107,43 +108,81 @@ def _residuals_of(result: CalibrationResult, poses: Mapping[tuple[str, str], Arr
         mine = [v for v in views if v.camera == name and (name, v.id) in poses]
         if not mine:
             continue
-        seen_from = [se3.apply(poses[name, v.id], v.points) for v in mine]
+        points = target_points(result, mine)
+        seen_from = [se3.apply(poses[name, v.id], p) for v, p in zip(mine, points, strict=True)]
         r = camera.project(np.concatenate(seen_from)) - np.concatenate([v.uv for v in mine])
         ends = np.cumsum([len(v) for v in mine])[:-1]
         found |= {(name, v.id): part for v, part in zip(mine, np.split(r, ends), strict=True)}
     return ((v, found[v.camera, v.id]) for v in views if (v.camera, v.id) in found)
 
 
-def structure_check(views: tuple[ViewResiduals, ...], *, image_size: tuple[int, int], held: bool = False) -> Check:
-    """Whether the residuals of the used views look random, and what it means when they do not.
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """Share of the residuals' variance that a place in the image explains, and the correlation of neighbours, each with
+    its chance from noise alone; points: how many residuals were asked, none of them where they are too few."""
 
-    The value is the share of the residuals' variance that a place in the image, or a neighbour, explains.
-    Args: views of one camera; image_size (width, height) px; held: the stated covariance counts what neighbours share.
+    points: int
+    share: float = 0.0
+    share_chance: float = 1.0
+    neighbour: float = 0.0
+    neighbour_chance: float = 1.0
+
+    @property
+    def lens_too_simple(self) -> bool:
+        """Whether the image has a pattern that the camera model does not follow."""
+        return self.share_chance < _SIGNIFICANCE and self.share > _LEAST_SHARE
+
+    @property
+    def neighbours_alike(self) -> bool:
+        """Whether points of a view err alike."""
+        return self.neighbour_chance < _SIGNIFICANCE and self.neighbour > _LEAST_SHARE
+
+    def check(self, *, held: bool = False) -> Check:
+        """In words. The value is the share of the variance that a place in the image, or a neighbour, explains.
+
+        Args: held: the stated covariance counts what neighbours share.
+        """
+        if self.points < _LEAST_POINTS:
+            message = f"{self.points} points are too few to tell structure in the residuals"
+            return Check("residual-structure", "ok", message)
+        if self.lens_too_simple:
+            message = (
+                f"{100 * self.share:.0f} % of the residuals' variance repeats at the same places of the image: the "
+                "camera model is too simple for this lens; free more distortion terms or take another model"
+            )
+            return Check("residual-structure", "warn", message, self.share)
+        if self.neighbours_alike and held:
+            message = f"neighbouring points err alike (correlation {self.neighbour:.2f}), and every sigma holds it"
+            return Check("residual-structure", "ok", message, self.neighbour)
+        if self.neighbours_alike:
+            message = (
+                f"neighbouring points err alike (correlation {self.neighbour:.2f}), so the stated uncertainties are "
+                "too small: look for a board that is not flat, a board or camera that moved during exposure, or a "
+                "rolling shutter"
+            )
+            return Check("residual-structure", "warn", message, self.neighbour)
+        message = (
+            f"the residuals of {self.points} points look random: no place in the image and no neighbour explains them"
+        )
+        return Check("residual-structure", "ok", message, max(self.share, self.neighbour, 0.0))
+
+
+def structure_of(views: tuple[ViewResiduals, ...], *, image_size: tuple[int, int]) -> Structure:
+    """Whether the residuals of the used views look random.
+
+    Args: views of one camera; image_size (width, height) px.
     """
     kept = [_standardised(v) for v in views if v.used and len(v.uv) >= 3]
     count = sum(len(uv) for uv, _ in kept)
     if count < _LEAST_POINTS:
-        return Check("residual-structure", "ok", f"{count} points are too few to tell structure in the residuals")
+        return Structure(count)
     uv, e = (np.concatenate(part) for part in zip(*kept, strict=True))
-    share, p_map = _map_share(uv, e, image_size)
-    neighbour, p_neighbour = _neighbour_share(kept)
-    if p_map < _SIGNIFICANCE and share > _LEAST_SHARE:
-        message = (
-            f"{100 * share:.0f} % of the residuals' variance repeats at the same places of the image: the camera model "
-            "is too simple for this lens; free more distortion terms or take another model"
-        )
-        return Check("residual-structure", "warn", message, share)
-    if p_neighbour < _SIGNIFICANCE and neighbour > _LEAST_SHARE and held:
-        message = f"neighbouring points err alike (correlation {neighbour:.2f}), and every sigma holds it"
-        return Check("residual-structure", "ok", message, neighbour)
-    if p_neighbour < _SIGNIFICANCE and neighbour > _LEAST_SHARE:
-        message = (
-            f"neighbouring points err alike (correlation {neighbour:.2f}), so the stated uncertainties are too small: "
-            "look for a board that is not flat, a board or camera that moved during exposure, or a rolling shutter"
-        )
-        return Check("residual-structure", "warn", message, neighbour)
-    message = f"the residuals of {count} points look random: no place in the image and no neighbour explains them"
-    return Check("residual-structure", "ok", message, max(share, neighbour, 0.0))
+    return Structure(count, *_map_share(uv, e, image_size), *_neighbour_share(kept))
+
+
+def structure_check(views: tuple[ViewResiduals, ...], *, image_size: tuple[int, int], held: bool = False) -> Check:
+    """`structure_of` in words, and what it means when residuals are not random."""
+    return structure_of(views, image_size=image_size).check(held=held)
 
 
 def _fitted_poses(result: CalibrationResult, views: Sequence[View]) -> dict[tuple[str, str], Array]:

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 from calibrant.calibrate.review.coverage import covered, with_coverage_checks
 from calibrant.calibrate.review.of_views import with_view_checks
-from calibrant.calibrate.review.residuals import fitted_poses, structure_check, view_residuals
-from calibrant.data import CalibrationResult, Check, verdict_of
+from calibrant.calibrate.review.residuals import Structure, fitted_poses, structure_of, view_residuals
+from calibrant.data import CalibrationResult, verdict_of
 from calibrant.data.details import SharedErrors
 
 
@@ -22,15 +22,16 @@ def review(result: CalibrationResult) -> CalibrationResult:
     poses = fitted_poses(result)
     residuals = view_residuals(result, poses)
     held = result.detail(SharedErrors) is not None
-    structures: dict[str, Check] = {}
+    structures: dict[str, Structure] = {}
     for name, camera in result.cameras.items():
         mine = tuple(v for v in residuals if v.camera == name)
         if mine:
-            structures[name] = structure_check(mine, image_size=camera.image_size, held=held)
+            structures[name] = structure_of(mine, image_size=camera.image_size)
     alone = len(result.cameras) == 1
-    asked = [c if alone else replace(c, name=f"{c.name}-{name}") for name, c in structures.items()]
+    words = {name: structure.check(held=held) for name, structure in structures.items()}
+    asked = [c if alone else replace(c, name=f"{c.name}-{name}") for name, c in words.items()]
     checks = (*result.checks, *(c for c in asked if c.name not in known))
-    reviewed = with_view_checks(replace(result, checks=checks, verdict=verdict_of(checks)), poses)
+    reviewed = with_view_checks(replace(result, checks=checks, verdict=verdict_of(checks)), poses, structures)
     if not result.is_about_cameras:
         return reviewed
-    return with_coverage_checks(reviewed, covered(reviewed, poses, residuals, structures))
+    return with_coverage_checks(reviewed, covered(reviewed, poses, residuals, words))

@@ -21,9 +21,9 @@ import numpy as np
 from calibrant.arrays import Array, Indices, Mask
 from calibrant.calibrate.reprojection.factor import StackedViews, stack
 from calibrant.calibrate.reprojection.outliers import MINIMUM_POINTS, mark
+from calibrant.calibrate.review.target_points import across, target_points
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, View
-from calibrant.data.details import BentTarget, FreeTarget
 from calibrant.optimize.chances import chi2_tail
 
 ZOOM, CENTRE, BEND, STRETCH, SKEW = "zoom", "centre", "bend", "stretch", "skew"
@@ -43,6 +43,7 @@ class ViewScores:
 
     columns: where each kind of column stands; lens: those of the free lens parameters, parameter_indices theirs in the
     camera; sigma_px: noise per axis; freedom: of the residuals; pixels (N, 2): where the points are seen.
+    X (6 + F, N, 2): the columns themselves, those of the pose first, each row over its relative sigma.
     """
 
     camera: Camera
@@ -54,6 +55,7 @@ class ViewScores:
     sigma_px: float
     freedom: int
     pixels: Array
+    X: Array
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -117,24 +119,7 @@ def rows_of(result: CalibrationResult, camera_name: str, poses: Mapping[tuple[st
 def _shaped(result: CalibrationResult, views: Sequence[View]) -> StackedViews:
     """The views end to end, their points where the calibration found them on a target that is not flat."""
     stacked = stack(views)
-    bent, free = result.detail(BentTarget), result.detail(FreeTarget)
-    if free is not None:
-        none = (0.0, 0.0, 0.0)
-        ids = np.concatenate([v.point_ids for v in views])
-        moved = 1e-3 * np.array([free.deviation_mm.get(str(i), none) for i in ids.tolist()])
-    elif bent is not None:
-        across = _across(stacked.points[:, :2])
-        moved = np.zeros_like(stacked.points)
-        moved[:, 2] = 1e-3 * (1 - across**2) @ np.asarray(bent.bend_mm)
-    else:
-        return stacked
-    return StackedViews(stacked.points + moved, stacked.uv, stacked.sigma, stacked.offsets)
-
-
-def _across(xy: Array) -> Array:
-    """Places on the board (N, 2) from -1 to 1 along each of its axes."""
-    low, high = xy.min(axis=0), xy.max(axis=0)
-    return 2 * (xy - low) / np.maximum(high - low, np.finfo(float).tiny) - 1
+    return StackedViews(np.concatenate(target_points(result, views)), stacked.uv, stacked.sigma, stacked.offsets)
 
 
 def view_scores(rows: Rows) -> ViewScores | None:
@@ -173,7 +158,7 @@ def view_scores(rows: Rows) -> ViewScores | None:
     squares = max(r - float(b @ inverse @ b), 0.0)
     ids = tuple(v.id for v in rows.views)
     sigma_px = max(float(np.sqrt(squares / freedom)), np.finfo(float).tiny)
-    return ViewScores(camera, ids, gram, lens, free, columns, sigma_px, freedom, rows.pixels[rows.weight > 0])
+    return ViewScores(camera, ids, gram, lens, free, columns, sigma_px, freedom, rows.pixels[rows.weight > 0], X)
 
 
 def _pose_columns(X: Array, J: Array, rows: Rows) -> None:
@@ -202,7 +187,7 @@ def _own_columns(X: Array, columns: Mapping[str, Indices], J: Array, rows: Rows)
     X[centre : centre + 2] = 0.0
     X[centre, :, 0] = X[centre + 1, :, 1] = 1.0
     points = rows.stacked.points
-    x, y = _across(points[:, :2]).T
+    x, y = across(points[:, :2], points[:, :2].min(axis=0), points[:, :2].max(axis=0)).T
     axis, normal = (np.repeat(rows.T_camera_target[:, :3, c], counts, axis=0)[:, :, None] for c in (0, 2))
     out_of_plane = 1e-3 * (J[0] * normal[:, 0] + J[1] * normal[:, 1] + J[2] * normal[:, 2])
     for at, height in enumerate((1 - x**2, x * y, 1 - y**2)):
@@ -334,3 +319,16 @@ def everywhere(scores: ViewScores, columns: Indices, own: Indices, views: Mask |
     if views is not None:
         weights[:, own] = views[:, None]
     return weights
+
+
+def lens_shift(scores: ViewScores, shift: Array) -> float:
+    """Squared shift of fx, fy, cx, cy over the covariance stated, per parameter. Args: shift (k,) of the lens."""
+    camera = scores.camera
+    known = scores.parameter_indices.tolist()
+    named = [camera.model.index(name) for name in ("fx", "fy", "cx", "cy")]
+    at = [known.index(i) for i in named if i in known]
+    if not at or camera.covariance is None:
+        return 0.0
+    chosen = scores.parameter_indices[at]
+    C = camera.covariance[np.ix_(chosen, chosen)]
+    return float(shift[at] @ np.linalg.lstsq(C, shift[at], rcond=None)[0]) / len(at)

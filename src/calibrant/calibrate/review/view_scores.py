@@ -26,9 +26,10 @@ from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, View
 from calibrant.optimize.chances import chi2_tail
 
-ZOOM, CENTRE, BEND, STRETCH, SKEW = "zoom", "centre", "bend", "stretch", "skew"
+ZOOM, CENTRE, BEND, STRETCH, SKEW, RADIAL = "zoom", "centre", "bend", "stretch", "skew", "radial"
 """Columns beside the lens's: the image scaled about the principal point (1); shifted (px); the board bent in its three
-quadratic modes (mm); stretched along its x (1); the image's rows shifted in proportion to their place (px an image)."""
+quadratic modes (mm); stretched along its x (1); the image's rows shifted in proportion to their place (px an image);
+the image stretched with the square of the distance from the principal point (px at the rim)."""
 POSE = 6
 _MOST_LENS_PARAMETERS = 30
 """A splined lens has hundreds, each seen in a corner of the image: its views are compared by scale and shift alone."""
@@ -129,7 +130,7 @@ def view_scores(rows: Rows) -> ViewScores | None:
     if k_all > _MOST_LENS_PARAMETERS:
         free = np.array([camera.model.index(n) for n in ("fx", "fy", "cx", "cy")])
     k = len(free)
-    names = {ZOOM: 1, CENTRE: 2, BEND: 3, STRETCH: 1, SKEW: 2}
+    names = {ZOOM: 1, CENTRE: 2, BEND: 3, STRETCH: 1, SKEW: 2, RADIAL: 1}
     ends = np.cumsum([k, *names.values()])
     columns = {name: np.arange(a, b) for name, (a, b) in zip(names, pairwise(ends.tolist()))}
     # Column by column, each (N, 2): filled and multiplied several times faster than row by row.
@@ -197,6 +198,9 @@ def _own_columns(X: Array, columns: Mapping[str, Indices], J: Array, rows: Rows)
     skew, row = columns[SKEW][0], from_centre[:, 1] / rows.camera.image_size[1]
     X[skew : skew + 2] = 0.0
     X[skew, :, 0] = X[skew + 1, :, 1] = row
+    squared = np.einsum("ni,ni->n", from_centre, from_centre)[:, None]
+    rim = max(float(squared.max()), 1.0)
+    np.multiply(from_centre, squared / rim**1.5, out=X[columns[RADIAL][0]])
 
 
 def _grams(X: Array, offsets: Indices) -> Array:

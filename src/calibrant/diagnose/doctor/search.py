@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from calibrant.calibrate.cell.starts.robust import agreeing_group, disagreement
 from calibrant.calibrate.solvers.loop_errors import loop_consistency
 from calibrant.cancel import checkpoint
 from calibrant.diagnose.conventions.hypotheses import CONSISTENT
@@ -119,6 +120,11 @@ def _open_loop(case: Case) -> list[Finding]:
     score = loop_consistency(case.A, case.B, case.robust.X).score
     if score <= CONSISTENT:
         return []
+    group = agreeing_group(case.A, case.B, certainty=case.certainty)
+    if group is not None and not group.members.all():
+        others = [name for name, member in zip(case.ids, group.members) if not member]
+        message = disagreement(len(case.index), group, others)
+        return [Finding("views-disagree", "fail", message, views=tuple(others))]
     message = (
         f"robot and target poses do not describe the same motion: the loop leaves {case.loop.text}, {score:.0%} of the "
         "motion itself; do poses and images belong together, is it the right target?"

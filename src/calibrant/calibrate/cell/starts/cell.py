@@ -18,7 +18,8 @@ from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.calibrate.cell.starts.hand_to_hand import hand_to_hand_start
 from calibrant.calibrate.cell.starts.handheld import CameraPair, handheld_start
 from calibrant.calibrate.cell.starts.medoid import medoid
-from calibrant.calibrate.cell.starts.seed import Seed, best_seed, seed_of_all, setup_check
+from calibrant.calibrate.cell.starts.robust import agreeing_group, disagreement
+from calibrant.calibrate.cell.starts.seed import MOST_GROSS, Seed, best_seed, seed_of_all, setup_check
 from calibrant.calibrate.solvers.motion import MotionReport, motion_report
 from calibrant.calibrate.solvers.setup import SETUPS, Setup, get_setup
 from calibrant.cancel import checkpoint
@@ -147,11 +148,30 @@ def _alone(p: Pictures, data: HandEyeViews, missing: Mapping[str, str]) -> tuple
     report = motion_report(A, B, frame=setup.camera_parent)
     report.require_determined()
     seed = best_seed(A, B, certainty=data.certainty[used])
+    if any(f.status == "fail" for f in report.findings):
+        report = _report_of_group(A, B, data, setup, report)
     if not seed.keep.all():
         dropped = np.zeros(len(data), dtype=bool)
         dropped[np.flatnonzero(used)[~seed.keep]] = True
         data = data.without(dropped, _gross_reasons(setup, data, seed))
     return data, Alone(report, seed, setup_check(setup, seed, _other_seed(setup, data)))
+
+
+def _report_of_group(A: Array, B: Array, data: HandEyeViews, setup: Setup, report: MotionReport) -> MotionReport:
+    """The report about the views that agree, where only some of them disagree; the report as it is where none agree.
+
+    Raises: RefusedError where a third or more disagree, naming how many agree and the others.
+    """
+    group = agreeing_group(A, B, certainty=data.certainty[data.use])
+    if group is None or group.members.all():
+        return report
+    n, k = len(A), int(group.members.sum())
+    if n - k > int(MOST_GROSS * n):
+        others = [name for name, member in zip(np.array(data.ids)[data.use].tolist(), group.members) if not member]
+        raise RefusedError(f"views-disagree: {disagreement(n, group, others)}")
+    of_group = motion_report(A[group.members], B[group.members], frame=setup.camera_parent)
+    of_group.require_determined()
+    return of_group
 
 
 def _gross_reasons(setup: Setup, data: HandEyeViews, seed: Seed) -> list[str | None]:

@@ -13,6 +13,7 @@ Everything is drawn from a seeded generator: the same data give the same answer.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import lgamma
 
@@ -47,6 +48,13 @@ Gaussian noise now and then, and a view that deviates twice as much as others is
 MANY, AGREE = 1 / 3, 0.05
 """More than a third of the views is called outlying only where all views together do not agree, to 5 % of the motion:
 noise is not the same in every view, and some views always agree far better among themselves."""
+
+
+SHARES = (1 / 2, 2 / 5, 3 / 10)
+"""Of the views that may be all that agree, the largest first: a triple of the smallest is drawn once in 37."""
+LEAST_GROUP = 6
+"""Views of a group beside many that disagree. The triple behind it agrees with itself; that three others agree with it
+to AGREE of the motion by chance, in all six numbers each, has P = 0.05^18 times the choices of such groups."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +92,74 @@ def robust_fit(A: Array, B: Array, *, certainty: Array | None = None, seed: int 
     return _admitted(A, B, core, c)
 
 
+@dataclass(frozen=True, eq=False)
+class Group:
+    """The largest part of the views that agrees: members (n,), and the loop over them, rms mm and deg."""
+
+    members: NDArray[np.bool_]
+    mm: float
+    deg: float
+
+    @property
+    def loop_text(self) -> str:
+        """The loop in words."""
+        return f"{self.mm:.3g} mm / {self.deg:.2g} deg"
+
+
+def agreeing_group(A: Array, B: Array, *, certainty: Array | None = None, seed: int = 0) -> Group | None:
+    """The views that agree with each other where perhaps most agree with nothing; None where no group stands out.
+
+    Args as for `robust_fit`, which takes it that the half of the views agrees.
+    """
+    n = len(A)
+    c = np.ones(n) if certainty is None else np.maximum(certainty, 1.0)
+    rows = sample(n, MOST_FOR_CONSENSUS)
+    for share in SHARES:
+        h = max(LEAST_GROUP, int(share * len(rows)))
+        if h > len(rows):
+            return None
+        starts = consensus(A[rows], B[rows], seed=seed, agreeing=h)
+        fits = [_concentrated(A[rows], B[rows], X, c[rows], h) for X in starts]
+        core = min(fits, key=lambda fit: float(np.sort(log_misfit(fit.deviation))[:h].sum()))
+        if _all_agree(A[rows][core.used], B[rows][core.used], core.X[0]):
+            core = _concentrated(A, B, core.X[0], c, max(LEAST_GROUP, int(share * n)))
+            return _group(A, B, core, c)
+    return None
+
+
+def _all_agree(A: Array, B: Array, X: Array) -> bool:
+    """True where every view is within AGREE of the motion: a single wrong one among many hides from a median."""
+    loop = loop_consistency(A, B, X)
+    worst = max(
+        float(view.max()) / max(median, 1e-12)
+        for view, median in ((loop.view_mm, loop.median_mm), (loop.view_deg, loop.median_deg))
+    )
+    return loop.score * worst < AGREE
+
+
+def disagreement(n: int, group: Group, others: Sequence[str]) -> str:
+    """What is said of n views of which more than a third agree with nothing, and the way out."""
+    return (
+        f"{int(group.members.sum())} of {n} views agree with each other (their loop closes to {group.loop_text}), the "
+        f"other {len(others)} not with them. More than a third is wrong, so the fault is not in single views: check "
+        f"how poses and images were recorded. To go on with those that agree: --exclude {','.join(others)}"
+    )
+
+
+def _group(A: Array, B: Array, core: LoopFit, c: Array) -> Group:
+    """The core with every view that its noise explains."""
+    for _ in range(3):
+        squares = np.sum((core.deviation / core.sigmas) ** 2, axis=1)
+        typical = float(np.median(squares[core.used])) / CHI2_6_MEDIAN
+        members = core.used | (squares / max(typical, 1e-12) < CHI2_6_LIMIT)
+        if np.array_equal(members, core.used):
+            break
+        core = fit_loop(A, B, core.X[0], used=members, certainty=c)
+    d = core.deviation[core.used]
+    mm = 1e3 * float(np.sqrt(np.mean(np.sum(d[:, 3:] ** 2, axis=1))))
+    return Group(core.used, mm, float(np.rad2deg(np.sqrt(np.mean(np.sum(d[:, :3] ** 2, axis=1))))))
+
+
 def _core(A: Array, B: Array, c: Array, seed: int) -> LoopFit:
     """The fit to the half of the views that agrees best."""
     h = _half(len(A))
@@ -95,13 +171,14 @@ def _half(n: int) -> int:
     return max(3, n // 2 + 1)
 
 
-def consensus(A: Array, B: Array, *, seed: int = 0, triples: int = TRIPLES) -> Array:
-    """The most promising X (k, 4, 4) of triples of views, the best first, k <= REFINED."""
+def consensus(A: Array, B: Array, *, seed: int = 0, triples: int = TRIPLES, agreeing: int | None = None) -> Array:
+    """The most promising X (k, 4, 4) of triples of views, the best first, k <= REFINED; agreeing: how many views judge
+    them, the half if not said."""
     n = len(A)
     chosen = _triples(A, B, triples, np.random.default_rng(seed))
     X = _solve_triples(A, B, chosen)
     loops = A @ X[:, None] @ B
-    h = _half(n)
+    h = agreeing or _half(n)
     # The triple's own loops agree with each other: their middle is the hypothesis' centre.
     own = np.take_along_axis(loops, chosen[:, :, None, None], axis=1)
     t = own[..., :3, 3].mean(axis=1)

@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 
+from calibrant.calibrate.cell.starts.robust import Group, agreeing_group, disagreement
 from calibrant.diagnose.doctor.evidence.case import Case, loop_of
 from calibrant.diagnose.doctor.evidence.finding import Finding
 from calibrant.diagnose.doctor.evidence.loop import Evidence
@@ -25,11 +26,11 @@ def examine(case: Case) -> list[Finding]:
     names = tuple(case.ids[k] for k in out)
     evidence = Evidence(case.loop, loop_of(fit.deviation[~case.condemned]))
     if len(out) > MOST * len(case.index):
-        message = (
-            f"{len(out)} of {len(case.index)} views disagree with the others ({', '.join(names[:8])}"
-            f"{' …' if len(names) > 8 else ''}): more than a third, so the fault is not in single views; check "
-            "how poses and images were recorded"
-        )
+        group = agreeing_group(case.A, case.B, certainty=case.certainty)
+        if group is None:
+            group = Group(~case.condemned, evidence.after.mm, evidence.after.deg)
+        names = tuple(name for name, member in zip(case.ids, group.members) if not member)
+        message = disagreement(len(case.index), group, names)
         p = float(case.robust.p_value[out].max()) * len(case.index)
         return [Finding("views-disagree", "fail", message, confidence(p), evidence, names)]
     found = []

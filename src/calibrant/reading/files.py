@@ -9,8 +9,8 @@ from __future__ import annotations
 import os
 import stat
 from dataclasses import dataclass
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 from calibrant.errors import InputError
 
@@ -68,7 +68,7 @@ ANY = Most(2**63 - 1, "")
 """What is passed through in parts, such as a video under its checksum."""
 
 
-def open_file(path: str | Path, *, most: Most = ANY, what: str = "file") -> BinaryIO:
+def open_file(path: str | Path, *, most: Most = ANY, what: str = "file") -> BufferedReader:
     """An ordinary file, open for reading.
 
     Args: most: how large it may be; what: its name in messages. Raises: InputError: it is not there, cannot be read, is

@@ -7,6 +7,7 @@ images are decoded as stored and turned here; a TIFF file's own tag is the decod
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Iterator
 from typing import Any
@@ -30,6 +31,8 @@ _SHORT, _LONG = 3, 4
 _EXIF = b"Exif\0\0"
 _PNG, _JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
 _TIFF = (b"II*\0", b"MM\0*")
+_PNM_HEADER = 4096
+"""Bytes in which a text header's numbers stand."""
 _MOST_PAGES = 1000
 """Directories followed in a TIFF file: a damaged one may lead in a circle."""
 
@@ -67,6 +70,68 @@ def pictures(data: bytes) -> int:
         sizes = [(page.get(_WIDTH), page.get(_HEIGHT)) for page in _pages(data)]
         return max(1, sum(1 for size in sizes if size == sizes[0]))
     return 1
+
+
+def size(data: bytes) -> tuple[int, int] | None:
+    """Width and height as the file states them, before anything is decoded; None where its format is not known here."""
+    try:
+        if data[:8] == _PNG:
+            return _pair(">II", data, 16)
+        if data[:2] == b"BM":
+            width, height = _pair("<ii", data, 18)
+            return abs(width), abs(height)
+        if data[:4] == b"GIF8":
+            return _pair("<HH", data, 6)
+        if data[:4] == b"\x59\xa6\x6a\x95":
+            return _pair(">II", data, 4)
+        if data[:3] == _JPEG:
+            return _jpeg_size(data)
+        if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
+            return _webp_size(data)
+        if data[:4] in _TIFF:
+            sides = [(page.get(_WIDTH, 0), page.get(_HEIGHT, 0)) for page in _pages(data)]
+            return max(sides, key=lambda side: side[0] * side[1], default=None)
+        if data[:1] == b"P" and data[1:2] in b"123456":
+            words = re.sub(rb"#[^\n]*", b"", data[2:_PNM_HEADER]).split()
+            return int(words[0][:10]), int(words[1][:10])
+        if data[4:8] == b"jP  ":
+            at = data.find(b"ihdr", 0, _PNM_HEADER)
+            height, width = _pair(">II", data, at + 4) if at >= 0 else (0, 0)
+            return (width, height) if at >= 0 else None
+    except (struct.error, ValueError, IndexError):
+        return None
+    return None
+
+
+def _pair(form: str, data: bytes, at: int) -> tuple[int, int]:
+    first, second = struct.unpack_from(form, data, at)
+    return first, second
+
+
+def _jpeg_size(data: bytes) -> tuple[int, int] | None:
+    """Of the frame's header, the first of its kinds (ITU-T T.81, B.2.2)."""
+    at = 2
+    while at + 9 <= len(data) and data[at] == 0xFF:
+        mark = data[at + 1]
+        if 0xC0 <= mark <= 0xCF and mark not in (0xC4, 0xC8, 0xCC):
+            height, width = _pair(">HH", data, at + 5)
+            return width, height
+        at += 1 if mark == 0xFF else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+    return None
+
+
+def _webp_size(data: bytes) -> tuple[int, int] | None:
+    """Of the first chunk: extended, lossless or lossy (RFC 9649)."""
+    kind = data[12:16]
+    if kind == b"VP8X":
+        return int.from_bytes(data[24:27], "little") + 1, int.from_bytes(data[27:30], "little") + 1
+    if kind == b"VP8L":
+        bits = int.from_bytes(data[21:25], "little")
+        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+    if kind == b"VP8 ":
+        width, height = _pair("<HH", data, 26)
+        return width & 0x3FFF, height & 0x3FFF
+    return None
 
 
 def is_cut_off(data: bytes) -> bool:

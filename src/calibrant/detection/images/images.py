@@ -10,10 +10,14 @@ from numpy.typing import NDArray
 
 from calibrant.detection.images import header as image_header
 from calibrant.detection.images.files import frame_of
-from calibrant.detection.images.video import read_frame
+from calibrant.detection.images.video import MOST_PIXELS, read_frame
 from calibrant.errors import InputError
 from calibrant.opencv import cv2
+from calibrant.reading.files import PICTURE, read_bytes
 
+_VAST, _UNFOLDED = 100_000_000, 100
+"""Searching a hundred megapixels takes 0.7 GB. Above, a file must have a photo's bytes: the coarsest JPEG has one for
+every 50 pixels, a bomb one for a thousand."""
 _SUN_RASTER = b"\x59\xa6\x6a\x95"
 
 
@@ -59,16 +63,12 @@ def orientation_of(path: str | Path) -> int:
 
 
 def _bytes_of(path: Path) -> bytes:
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError(f"image {path} does not exist") from None
-    except OSError as error:
-        raise InputError(f"image {path} cannot be read: {error.strerror or error}") from None
+    data = read_bytes(path, most=PICTURE, what="image")
     if not data:
         raise InputError(f"image {path} is empty (0 bytes)")
     if image_header.is_cut_off(data):
         raise InputError(f"image {path} is cut off: its {len(data)} bytes end before the picture does; copy it again")
+    refuse_vast(image_header.size(data), len(data), f"image {path}")
     count = image_header.pictures(data)
     if count > 1:
         raise InputError(
@@ -76,6 +76,26 @@ def _bytes_of(path: Path) -> bytes:
             "or all as a video"
         )
     return data
+
+
+def refuse_vast(size: tuple[int, int] | None, count: int, what: str) -> None:
+    """Raises: InputError for a picture that would fill the memory: more pixels than sensors have, or than bytes tell.
+
+    Args: size: width and height as the file states them, where it does; count: its bytes.
+    """
+    if size is None:
+        return
+    pixels = size[0] * size[1]
+    if pixels > MOST_PIXELS:
+        raise InputError(
+            f"{what} states {size[0]}x{size[1]} px; expected {MOST_PIXELS / 1e6:g} megapixels at most, as the largest "
+            "sensors have"
+        )
+    if pixels > _VAST and pixels > _UNFOLDED * count:
+        raise InputError(
+            f"{what} states {size[0]}x{size[1]} px and has {count:,} bytes, {pixels / count:,.0f} pixels a byte; "
+            f"expected {_UNFOLDED} pixels a byte at most. It is blank, or made to fill the memory"
+        )
 
 
 def _decoded_image(path: Path, data: bytes, flags: int) -> NDArray[Any] | None:
@@ -87,6 +107,8 @@ def _decoded_image(path: Path, data: bytes, flags: int) -> NDArray[Any] | None:
         return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error as error:
         raise InputError(f"image {path} cannot be decoded: {error.err}") from None
+    except MemoryError:
+        raise InputError(f"image {path} is larger than this computer's memory") from None
 
 
 def _upright(path: Path, data: bytes, image: NDArray[Any] | None) -> NDArray[Any]:

@@ -15,7 +15,10 @@ from numpy.typing import NDArray
 
 from calibrant.errors import InputError
 from calibrant.opencv import cv2
+from calibrant.reading.files import open_file
 
+MOST_PIXELS = 250_000_000
+"""Of a frame or an image: the largest sensors have as many."""
 MOST_FRAMES = 300
 """More views of a board that moves before a camera repeat what is known already."""
 SHARPNESS_SIDE_PX = 320
@@ -84,9 +87,15 @@ def _reader(video: str) -> _Reader:
 
 
 def _opened(video: Path) -> cv2.VideoCapture:
+    open_file(video, what="video").close()  # the decoder would wait for a pipe
     capture = cv2.VideoCapture(str(video))
     if not capture.isOpened():
         raise InputError(f"video {video} cannot be read: it is damaged, or its format is not known")
+    width, height = (int(capture.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+    if width * height > MOST_PIXELS:
+        raise InputError(
+            f"video {video} states frames of {width}x{height} px; expected {MOST_PIXELS / 1e6:g} megapixels at most"
+        )
     return capture
 
 

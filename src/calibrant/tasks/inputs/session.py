@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from calibrant.cancel import checkpoint
 from calibrant.errors import InputError
+from calibrant.reading.files import open_file
 from calibrant.tasks.listener import SILENT, Listener
 
 if TYPE_CHECKING:
@@ -52,7 +53,8 @@ def file_records(files: Iterable[str | Path]) -> tuple[dict[str, str], ...]:
     for file in dict.fromkeys(str(f) for f in files):
         path = Path(file)
         if path.is_file():
-            records.append({"file": file, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()})
+            with open_file(path) as stream:
+                records.append({"file": file, "sha256": hashlib.file_digest(stream, "sha256").hexdigest()})
     return tuple(records)
 
 

@@ -113,3 +113,23 @@ def test_bad_input() -> None:
     spoiled = replace(observations, views=(rare, *observations.views[1:]))
     with pytest.raises(RefusedError, match="is seen in 1 views"):
         calibrate_intrinsics(spoiled, target_shape="free")
+
+
+@pytest.mark.parametrize("shape", ["paraboloid", "free"])
+def test_the_cure_quiets_what_asked_for_it(shape: str) -> None:
+    """Points and residuals are judged on the shape found: a plane left out what belongs to a bent board."""
+    rng = np.random.default_rng(3)
+    z = 2e-3 * (1 - ACROSS[:, 0] ** 2)
+    true = POINTS + np.stack([0 * z, 0 * z, z], axis=1)
+    T = look_at_board(CAMERA, POINTS, 25, rng=rng)
+    seen = observe(CAMERA, true, T, sigma_px=0.05, rng=rng)
+    observations = replace(seen, views=tuple(replace(v, points=POINTS[v.point_ids]) for v in seen.views))
+    flat, shaped = (calibrate_intrinsics(observations, target_shape=s) for s in ("flat", shape))
+    assert sum(v.points_left_out for v in flat.views) > 10
+    assert sum(v.points_left_out for v in shaped.views) <= 2
+    asked = {c.name for c in shaped.checks if c.status != "ok"}
+    assert not asked & {"residual-structure", "outliers", "one-camera"}
+    found = [c.value for c in shaped.checks if c.name == "residual-structure"]
+    assert found[0] is not None
+    assert found[0] < 0.1
+    assert shaped.sigma_px == pytest.approx(0.05, rel=0.06)

@@ -23,8 +23,9 @@ from calibrant.calibrate.classical.planar import PlaneViews
 from calibrant.calibrate.intrinsics.checks import intrinsics_checks, require_conditions
 from calibrant.calibrate.intrinsics.fit import Fit, Start, fit_and_clean, refine
 from calibrant.calibrate.intrinsics.linearity import better_of_two, linearity_check
+from calibrant.calibrate.intrinsics.shaped_fit import shaped_fit
 from calibrant.calibrate.intrinsics.shared_errors import shared_errors, shared_errors_check
-from calibrant.calibrate.intrinsics.target_shape import FLAT, Flat, shape_of, with_noise
+from calibrant.calibrate.intrinsics.target_shape import FLAT, with_noise
 from calibrant.calibrate.intrinsics.wide_lens import model_check, refuse_wide_lens
 from calibrant.calibrate.reprojection.factor import StackedViews, stack
 from calibrant.calibrate.reprojection.held import expand_fix
@@ -99,14 +100,7 @@ def calibrate_keeping(
         raise
     shape: BentTarget | FreeTarget | None = None
     if target_shape != FLAT:
-        shaped = shape_of(target_shape)(Flat(fit.solution, fit.views, fit.stacked, kind))
-        fit = replace(
-            fit,
-            solution=shaped.solution,
-            T_camera_target=shaped.T_camera_target,
-            gauge_equations=shaped.gauge_equations,
-        )
-        shape = shaped.shape
+        fit, marked, shape = shaped_fit(views, start, fit, marked, kind, fix, max_error_px, shape=target_shape)
     result = _intrinsics_result(
         observations, camera_name, image_size, kind, fix, fit, marked, too_small, max_error_px, initial
     )

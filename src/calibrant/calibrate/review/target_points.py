@@ -13,13 +13,17 @@ from calibrant.data.details import BentTarget, FreeTarget
 
 def target_points(result: CalibrationResult, views: Sequence[View]) -> list[Array]:
     """Points (n, 3) metres of each view, target frame, on the target's shape. Args: views, all of one target."""
-    bent, free = result.detail(BentTarget), result.detail(FreeTarget)
-    if free is not None:
-        return [v.points + 1e-3 * _moved(free, v) for v in views]
-    if bent is not None and views:
+    return points_on(result.detail(FreeTarget) or result.detail(BentTarget), views)
+
+
+def points_on(shape: FreeTarget | BentTarget | None, views: Sequence[View]) -> list[Array]:
+    """Points (n, 3) metres of each view, target frame, on a shape that was estimated; None is the one given."""
+    if isinstance(shape, FreeTarget):
+        return [v.points + 1e-3 * _moved(shape, v) for v in views]
+    if shape is not None and views:
         every = np.concatenate([v.points[:, :2] for v in views])
         low, high = every.min(axis=0), every.max(axis=0)
-        return [v.points + 1e-3 * _sag(bent, across(v.points[:, :2], low, high)) for v in views]
+        return [v.points + 1e-3 * _sag(shape, across(v.points[:, :2], low, high)) for v in views]
     return [v.points for v in views]
 
 

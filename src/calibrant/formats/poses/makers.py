@@ -17,7 +17,7 @@ from bisect import bisect_left
 from dataclasses import dataclass, replace
 
 from calibrant.errors import InputError
-from calibrant.formats.poses.raw import NOTHING_STATED, PoseOptions
+from calibrant.formats.poses.raw import NOTHING_STATED, PoseOptions, RawPoses
 from calibrant.formats.poses.rows import MATRIX_NAMES, PoseTable
 
 _N = r"\s*+([-+]?(?:\d++\.?+\d*+|\.\d++)(?:[eE][-+]?\d++)?+)\s*+"
@@ -112,6 +112,19 @@ def in_format(table: PoseTable, fmt: RobotFormat) -> PoseTable:
         return table
     lead = table.header[: len(table.header) - count]
     return replace(table, header=(*lead, *fmt.columns), stated=NOTHING_STATED, bare=False)
+
+
+def refuse_other_units(raw: RawPoses, fmt: RobotFormat, asked: PoseOptions) -> None:
+    """What a file's own names state is not overruled by a maker's habit. Raises: InputError naming both."""
+    for what, said, own, option in (
+        ("positions", raw.stated.units, fmt.options.units, asked.units),
+        ("angles", raw.stated.angle, fmt.options.angle, asked.angle),
+    ):
+        if said is not None and option == "auto" and own not in ("auto", said):
+            raise InputError(
+                f"{raw.source}: the file says its {what} are in {said}, a text of {fmt.maker} has them in {own}: leave "
+                f"--robot-format out, or say which it is (--pose-{'units' if what == 'positions' else 'angle'})"
+            )
 
 
 def merged(asked: PoseOptions, fmt: RobotFormat) -> PoseOptions:

@@ -28,7 +28,7 @@ from calibrant.formats.poses.joint_columns import (
     names_of,
     without,
 )
-from calibrant.formats.poses.makers import merged, robot_format
+from calibrant.formats.poses.makers import merged, refuse_other_units, robot_format
 from calibrant.formats.poses.notations import notations, options
 from calibrant.formats.poses.raw import PoseOptions
 from calibrant.formats.poses.read import read_table, refuse_ambiguous
@@ -59,22 +59,24 @@ def read_measurements(
     """
     asked = options(units=units, rotation=rotation, angle=angle, direction=direction)
     table, _ = read_table(paths)
-    if maker is not None:
-        asked = merged(asked, robot_format(maker))
     columns = _joints(table, robot)
     q, words = joint_values(table, columns, robot, angle=joint_angle)
     names = tuple(j.name for j in robot.joints) if robot is not None else columns.names
     rest = without(table, columns)
     ids = names_of(table) or tuple(str(i) for i in range(len(table.rows)))
     if has_rotation(rest.header):
-        raw = replace(raw_poses(rest), options=asked)
+        raw = raw_poses(rest)
+        if maker is not None:
+            refuse_other_units(raw, robot_format(maker), asked)
+            asked = merged(asked, robot_format(maker))
+        raw = replace(raw, options=asked)
         refuse_ambiguous(raw)
         note_unused(raw.source, without_times(raw.unused))
         notation = notations(raw)[0]
         T = notation.T_base_gripper
         source = f"{table.source}: {words}; {notation.description}"
         return JointMeasurements(ids, q, T[:, :3, 3], T[:, :3, :3], names, source)
-    positions, unit = _positions(rest, asked)
+    positions, unit = _positions(rest, asked if maker is None else merged(asked, robot_format(maker)))
     note_unused(table.source, without_times(unused_beside_position(rest.header)))
     source = f"{table.source}: {words}; positions in {unit}"
     return JointMeasurements(ids, q, positions * LENGTH_UNITS[unit], None, names, source)

@@ -186,10 +186,10 @@ def options(*, units: str, rotation: str, angle: str, direction: str) -> PoseOpt
 
 def _lengths(raw: RawPoses, asked: PoseOptions, dropped: list[str]) -> Iterator[tuple[str, tuple[str, ...]]]:
     """Length units and what each contradicts; what the user or the file states is never called impossible."""
-    if asked.units != "auto":
-        yield asked.units, ()
-        return
     stated = raw.stated.units
+    if asked.units != "auto":
+        yield asked.units, () if stated in (None, asked.units) else (f"the file says positions are in {stated}",)
+        return
     if stated is not None:
         yield stated, ()
     farthest = float(np.linalg.norm(raw.translation, axis=1).max())
@@ -259,7 +259,7 @@ def _three_numbers(raw: RawPoses, asked: PoseOptions, dropped: list[str]) -> Ite
         if unit == "rad" and largest > 2 * np.pi + 1e-6 and asked.angle == "auto" and stated.angle != "rad":
             dropped.append(f"rotations in radians: {largest:.4g} is more than a full turn")
             continue
-        against = stated.angle not in (None, unit) and asked.angle == "auto"
+        against = stated.angle not in (None, unit)
         angle_words = (f"the file's angles are in {stated.angle}",) if against else ()
         if asked.rotation in ("auto", "rotvec"):
             other = stated.rotation not in (None, "rotvec") and asked.rotation == "auto"

@@ -22,7 +22,14 @@ from calibrant.formats.poses.blocks import read_blocks
 from calibrant.formats.poses.columns import is_header
 from calibrant.formats.poses.documents import read_document
 from calibrant.formats.poses.joint_columns import joints_in, poses_from_joints
-from calibrant.formats.poses.makers import RobotFormat, controller_text, in_format, merged, robot_format
+from calibrant.formats.poses.makers import (
+    RobotFormat,
+    controller_text,
+    in_format,
+    merged,
+    refuse_other_units,
+    robot_format,
+)
 from calibrant.formats.poses.natural_order import natural_key
 from calibrant.formats.poses.notations import PoseNotation as PoseNotation
 from calibrant.formats.poses.notations import every_notation as every_notation
@@ -79,8 +86,11 @@ def read_poses(
             f"{table.source}: joint values without poses; say which robot they are of (--robot FILE, a URDF or DH "
             "table), and its forward kinematics gives the poses"
         )
-    asked = asked if fmt is None else options(**vars(merged(asked, fmt)))
-    raw = replace(raw_poses(table), options=asked, times=times_beside(table))
+    raw = replace(raw_poses(table), times=times_beside(table))
+    if fmt is not None:
+        refuse_other_units(raw, fmt, asked)
+        asked = options(**vars(merged(asked, fmt)))
+    raw = replace(raw, options=asked)
     return _said(raw if target is None else replace(raw, target=raw_poses(target)))
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.formats.poses.joint_columns import poses_from_joints
-from calibrant.formats.poses.makers import merged, robot_format
+from calibrant.formats.poses.makers import merged, refuse_other_units, robot_format
 from calibrant.formats.poses.notations import PoseNotation, notations, options
 from calibrant.formats.poses.read import read_table, refuse_ambiguous
 from calibrant.formats.poses.rows import PoseTable, raw_poses
@@ -52,7 +52,11 @@ def read_timed_poses(
     if robot is not None:
         raw = poses_from_joints(table, robot, angle=joint_angle)
     else:
-        raw = replace(raw_poses(table), options=asked if fmt is None else merged(asked, fmt))
+        raw = raw_poses(table)
+        if fmt is not None:
+            refuse_other_units(raw, fmt, asked)
+            asked = merged(asked, fmt)
+        raw = replace(raw, options=asked)
         refuse_ambiguous(raw)
     note_unused(raw.source, without_times(raw.unused))
     notation: PoseNotation = notations(raw)[0]

@@ -35,11 +35,13 @@ def best_reading(
     *,
     fits: Callable[[T], bool] = lambda outcome: True,
     what: str = "",
+    credible: Callable[[T], bool] = lambda outcome: True,
 ) -> Chosen[T]:
     """The reading whose outcome misfits least.
 
     Args: attempt, what to do with a reading (a CalibrantError rules it out); misfit of its outcome; fits, whether an
-    outcome can be right at all, and what to say when none is.
+    outcome can be right at all, and what to say when none is; credible, whether an outcome is good enough that another
+    reading as good would leave a choice: of readings that are all wrong the best is returned, for its own checks.
     Raises: the best reading's own error when none works; RefusedError when none fits; InputError when two different
     readings fit equally well.
     """
@@ -63,7 +65,7 @@ def best_reading(
     (least, best), others = tried[0], tried[1:]
     if not fits(best.outcome):
         raise RefusedError(what)
-    for other, rival in others:
+    for other, rival in others if credible(best.outcome) else ():
         same = np.allclose(rival.reading.T_base_gripper, best.reading.T_base_gripper, atol=1e-9)
         if not same and other < CLEARLY * least:
             raise InputError(

@@ -75,7 +75,7 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
         return tip_by_sight(flange_poses(paired), uv, camera=camera, base_camera=base_camera, covariance=covariance)
 
     chosen = best_reading(raw, attempt, lambda tip: tip.sigma, fits=lambda tip: tip.sigma < NOT_A_TIP_PX, what=NO_TIP)
-    return Outcome(result=tip_result(chosen.outcome, chosen.reading.description, reads(request)))
+    return Outcome(result=tip_result(chosen.outcome, chosen.reading, reads(request)))
 
 
 def _standing(known: CalibrationResult, path: Path) -> tuple[Camera, TransformEstimate, Array | None]:

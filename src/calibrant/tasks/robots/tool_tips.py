@@ -11,6 +11,7 @@ import numpy as np
 from calibrant.tasks.inputs import session
 
 if TYPE_CHECKING:
+    from calibrant.calibrate.tool.moved_point import MovedPoint
     from calibrant.calibrate.tool.tip import ToolTip
     from calibrant.data import CalibrationResult, Check, RobotPoses, ViewResult
     from calibrant.data.details import TouchedPoint
@@ -32,8 +33,12 @@ def flange_poses(reading: PoseNotation) -> RobotPoses:
     return RobotPoses(reading.ids, reading.T_base_gripper, reading.description)
 
 
-def tip_result(tip: ToolTip, reading: str, files: Sequence[str | Path]) -> CalibrationResult:
-    """A tip as a result, that passed its checks. Args: reading: how the poses were read; files: what was read.
+def tip_result(
+    tip: ToolTip, reading: PoseNotation, files: Sequence[str | Path], *, moved: MovedPoint | None = None
+) -> CalibrationResult:
+    """A tip as a result, that passed its checks.
+
+    Args: reading: how the poses were read; files: what was read; moved: where the touched point moved.
 
     Raises: RefusedError with the result that failed them.
     """
@@ -43,10 +48,13 @@ def tip_result(tip: ToolTip, reading: str, files: Sequence[str | Path]) -> Calib
 
     covariance = np.zeros((6, 6))
     covariance[3:, 3:] = tip.covariance
-    checks = (_agreement(tip), _tip_certainty(tip), Check("pose-reading", "ok", reading))
+    against = "; ".join(reading.contradicts)
+    words = f"{reading.description} ({against})" if against else reading.description
+    read = Check("pose-reading", "warn" if against else "ok", words)
+    checks = (_agreement(tip), *_moved(tip, moved), _tip_certainty(tip), read)
     found = stamp(
         CalibrationResult(
-            "tool", verdict_of(checks), checks, views=_tip_views(tip), decided={"pose_reading": reading},
+            "tool", verdict_of(checks), checks, views=_tip_views(tip), decided={"pose_reading": reading.description},
             details=_touched(tip), inputs=session.file_records(files),
             transforms=(as_transform("flange", "tip", se3.make(np.eye(3), tip.tip), covariance),),
             sigma_px=tip.sigma if tip.unit == "px" else None,
@@ -85,19 +93,35 @@ def _agreement(tip: ToolTip) -> Check:
     text = f"the poses agree on the tip to {tip.sigma:.3g} {tip.unit} (1 sigma per axis)"
     worst = int(np.argmin(tip.chances))
     far = int(np.argmax(tip.residuals))
-    if tip.unit == "mm" and tip.sigma > TOUCH_MM[0]:
-        text += (
-            f", farthest {tip.ids[far]}, {tip.residuals[far]:.3g} mm: one and the same point is touched to better than "
-            f"{TOUCH_MM[0]:g} mm; are these the poses of the touches, and is their unit right?"
-        )
-        return Check("agreement", "fail" if tip.sigma > TOUCH_MM[1] else "warn", text, tip.sigma)
-    if tip.chances[worst] < ODD / len(tip.chances):
+    odd = tip.chances[worst] < ODD / len(tip.chances)
+    if odd:
         text += (
             f"; {tip.ids[worst]} is off by {tip.residuals[worst]:.3g} {tip.unit}, at odds with the others: "
             "repeat it, or leave it out"
         )
+    if tip.unit == "mm" and tip.sigma > TOUCH_MM[0]:
+        text += "" if odd else f", farthest {tip.ids[far]}, {tip.residuals[far]:.3g} mm"
+        text += (
+            f"; one and the same point is touched to better than {TOUCH_MM[0]:g} mm: are these the poses of the "
+            "touches, and is their unit right?"
+        )
+        return Check("agreement", "fail" if tip.sigma > TOUCH_MM[1] else "warn", text, tip.sigma)
+    if odd:
         return Check("agreement", "warn", text, tip.sigma)
     return Check("agreement", "ok", f"{text}; farthest {tip.ids[far]}, {tip.residuals[far]:.3g} {tip.unit}", tip.sigma)
+
+
+def _moved(tip: ToolTip, moved: MovedPoint | None) -> tuple[Check, ...]:
+    from calibrant.data import Check
+
+    if moved is None:
+        return ()
+    message = (
+        f"the touched point moved by {moved.mm:.3g} mm between {tip.ids[moved.first - 1]} and {tip.ids[moved.first]}: "
+        f"with two points the touches agree to {moved.sigma_mm:.2g} mm instead of {tip.sigma:.2g} mm; fix the point "
+        "and touch it again, or give one part alone"
+    )
+    return (Check("point-moved", "fail", message, moved.mm),)
 
 
 def _tip_certainty(tip: ToolTip) -> Check:

@@ -38,14 +38,16 @@ def reads(request: Request) -> list[str]:
 
 def run(request: Request, listener: Listener = SILENT) -> Outcome:
     """The tip on the flange. Raises: InputError; RefusedError as `tip_by_touch`."""
+    from calibrant.calibrate.tool.moved_point import moved_point
     from calibrant.calibrate.tool.tip import tip_by_touch
     from calibrant.tasks.inputs.pose_choice import best_reading
-    from calibrant.tasks.robots.tool_tips import flange_poses, tip_result
+    from calibrant.tasks.robots.tool_tips import TOUCH_MM, flange_poses, tip_result
 
     raw = request.form.read(request.poses, request.arm)
 
     def attempt(reading: PoseNotation) -> ToolTip:
         return tip_by_touch(flange_poses(reading))
 
-    chosen = best_reading(raw, attempt, lambda tip: tip.sigma)
-    return Outcome(result=tip_result(chosen.outcome, chosen.reading.description, reads(request)))
+    chosen = best_reading(raw, attempt, lambda tip: tip.sigma, credible=lambda tip: tip.sigma <= TOUCH_MM[1])
+    poses = flange_poses(chosen.reading)
+    return Outcome(result=tip_result(chosen.outcome, chosen.reading, reads(request), moved=moved_point(poses)))

@@ -15,7 +15,7 @@ sums over the components, so that the time is linear in the views.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -71,6 +71,8 @@ class Solution:
     """Where a solve ended. cost = 1/2 sum rho; history: the cost after each accepted step.
 
     around: the same values under other noise levels, each with a weight: covariances are their sum (`level_spread`).
+    beside: covariance (s, s) of the shared unknowns, free tangents, by errors that the noise levels do not hold: it is
+    added, and moves the eliminated unknowns as far as they follow the shared ones (`beside.py`).
     """
 
     problem: Problem
@@ -82,6 +84,7 @@ class Solution:
     message: str
     history: tuple[float, ...]
     around: tuple[tuple[float, Solution], ...] = ()
+    beside: Array | None = None
 
     @property
     def cost(self) -> float:
@@ -219,12 +222,21 @@ class Solution:
     def joint_covariance(self, instances: Sequence[tuple[str, int]]) -> Array:
         """Joint covariance, natural tangents stacked in the order asked, of any instances of any variables."""
         if self.around:
-            return np.asarray(sum(w * s.joint_covariance(instances) for w, s in self.around))
-        rows = [self._rows(name, index) for name, index in instances]
-        return np.block([[self._cross_block(a, b) for b in rows] for a in rows])
+            by_noise = np.asarray(sum(w * s.joint_covariance(instances) for w, s in self.around))
+        else:
+            rows = [self._rows(name, index) for name, index in instances]
+            by_noise = np.block([[self._cross_block(a, b) for b in rows] for a in rows])
+        if self.beside is None:
+            return by_noise
+        F = np.concatenate([self._follows(name, index) for name, index in instances])
+        return np.asarray(by_noise + F @ self.beside @ F.T)
 
     def covariances(self, name: str) -> Array:
         """Covariance (count, k, k) of every instance of a variable in its natural tangent."""
+        if self.beside is not None:
+            count = self.problem.variables[self.problem.variable_index(name)].count
+            F = np.stack([self._follows(name, k) for k in range(count)])
+            return np.asarray(replace(self, beside=None).covariances(name) + F @ self.beside @ np.swapaxes(F, -1, -2))
         if self.around:
             return np.asarray(sum(w * s.covariances(name) for w, s in self.around))
         i = self.problem.variable_index(name)
@@ -255,6 +267,16 @@ class Solution:
         basis = variable.manifold.basis(self.values[i])
         B = np.eye(k) if basis is None else basis[min(index, len(basis) - 1)]
         return _Rows(int(p.batch[index]), int(p.row[index]), p.offset[index] + np.arange(p.dim), B)
+
+    def _follows(self, name: str, index: int) -> Array:
+        """d natural tangent of an unknown / d shared unknowns, (k, s): itself, or what -V^-1 W makes an eliminated one
+        do."""
+        rows = self._rows(name, index)
+        if rows.batch == SHARED:
+            return rows.basis @ np.eye(len(self.equations.S))[rows.columns]
+        part = self._parts[rows.batch]
+        moved = -np.linalg.solve(part.L[rows.row].T, part.Y[rows.row])
+        return np.asarray(rows.basis @ moved[rows.columns])
 
     def _cross_block(self, a: _Rows, b: _Rows) -> Array:
         """Covariance between two sets of unknowns, natural tangents."""

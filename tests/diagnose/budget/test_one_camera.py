@@ -76,7 +76,7 @@ def test_uncertain_levels_make_up_what_the_stated_covariance_has_more(setup: Set
     stated = result.transforms[0].covariance
     assert stated is not None
     ratio = np.trace(np.linalg.solve(budget.covariance[:6, :6], stated)) / 6
-    # One factor stands for all directions; with it missing the ratio is 1.05 to 1.1.
+    # Without it the ratio is 1.05 to 1.1.
     assert ratio == pytest.approx(1, abs=0.03)
     # 15 poses: 90 numbers for 12 unknowns and two levels of the robot, 2 / 40 to 2 / 5 more.
     noise = budget.sources[PIXELS] + budget.sources[ROBOT_ROTATION] + budget.sources[ROBOT_TRANSLATION]

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibrant.calibrate.cell.boards.alike import numbered_alike
+from calibrant.calibrate.cell.certainty.whole import Certainty, certain
 from calibrant.calibrate.cell.problem.camera_role import CameraRole
 from calibrant.calibrate.cell.problem.joint_offsets import JointReadings, free_joints
 from calibrant.calibrate.cell.problem.layout import (
@@ -53,7 +54,8 @@ if TYPE_CHECKING:
 class CellFit:
     """A cell's fit: its noise estimate with the solution, what is left of the cell, and the start that led there.
 
-    left_out: views that their camera's own calibration ruled out; numbering: what was asked of symmetric boards.
+    left_out: views that their camera's own calibration ruled out; numbering: what was asked of symmetric boards;
+    certainty: what the covariance holds beside the noise levels.
     """
 
     noise: NoiseEstimate
@@ -61,6 +63,7 @@ class CellFit:
     start: CellStart
     left_out: tuple[ViewResult, ...]
     numbering: tuple[Check, ...]
+    certainty: Certainty
 
 
 def calibrate_cell(
@@ -102,7 +105,9 @@ calibrate_several = calibrate_cell
 
 def judged_cell(fit: CellFit, asked: Mapping[str, object]) -> CalibrationResult:
     """The result of a fit, stamped. Raises: RefusedError, which holds the result, where a check failed."""
-    result = stamp(review(cell_result(fit.cell, fit.start, fit.noise, fit.left_out, fit.numbering, asked)))
+    result = stamp(
+        review(cell_result(fit.cell, fit.start, fit.noise, fit.certainty, fit.left_out, fit.numbering, asked))
+    )
     refuse_if_failed(result)
     return result
 
@@ -130,7 +135,8 @@ def fit_cell(
     free = {name: free_joints(r, identify) for name, r in _readings(where, joints).items()}
     start = cell_start(where, data, {v.id: v.reason or "" for v in left_out})
     noise, cell = refined(Cell(where, start.data, roles, free), start.transforms, start.spread)
-    return CellFit(noise, cell, start, left_out, numbering)
+    noise, certainty = certain(cell, noise)
+    return CellFit(noise, cell, start, left_out, numbering, certainty)
 
 
 def _with_own_ids(pictures: Sequence[Pictures]) -> list[Pictures]:

@@ -11,6 +11,8 @@ import numpy as np
 
 from calibrant.arrays import Array
 from calibrant.calibrate.cell import checks as questions
+from calibrant.calibrate.cell.certainty.checks import lens_shift_check, shared_errors_check
+from calibrant.calibrate.cell.certainty.whole import Certainty, growth
 from calibrant.calibrate.cell.checks import LoopDeviations
 from calibrant.calibrate.cell.fitted import fitted_cameras, fitted_transforms, said_poses
 from calibrant.calibrate.cell.held_out import leave_out, loop_deviations, loop_of_list
@@ -44,6 +46,7 @@ def cell_result(
     cell: Cell,
     start: CellStart,
     noise: NoiseEstimate,
+    certainty: Certainty,
     left_out: Sequence[ViewResult],
     numbering: Sequence[Check],
     asked: Mapping[str, Any],
@@ -54,7 +57,7 @@ def cell_result(
     seen, squares = _cell_views(cell, solution)
     views = (*seen, *left_out)
     transforms, sizes = _transforms(cell, solution), target_sizes(cell, start.data, solution)
-    checks = _checks(cell, start, noise, held, views, transforms, sizes, numbering)
+    checks = _checks(cell, start, noise, certainty, held, views, transforms, sizes, numbering)
     plain = cell.layout.plain and not cell.free
     measured = [d.B for p, d in zip(layout.pictures, cell.data) if p.seen is None]
     return CalibrationResult(
@@ -102,6 +105,7 @@ def _checks(
     cell: Cell,
     start: CellStart,
     noise: NoiseEstimate,
+    certainty: Certainty,
     held: LoopDeviations | None,
     views: Sequence[ViewResult],
     transforms: Sequence[TransformEstimate],
@@ -122,6 +126,7 @@ def _checks(
         *([] if held is None or not len(held.mm) else [questions.held_out_check(held, loop)]),
         *_size_checks(cell, sizes, loop),
         *_image_checks(cell, noise, sizes),
+        *_certainty_checks(cell, solution, certainty),
         *(_named(questions.certainty_check(t), t.child if len(cameras) > 1 else "") for t in cameras),
         *(_joints(cell, solution, robot) for robot in cell.free),
         questions.convergence_check(solution, noise.settled, noise.rounds),
@@ -196,6 +201,16 @@ def _image_checks(cell: Cell, noise: NoiseEstimate, sizes: Sizes) -> Iterable[Ch
     for i, found in sorted(sizes.images.items()):
         robot = sigma_robot(cell, noise, cell.layout.pictures[i].robot)
         yield from (_named(c, cell.layout.label(i)) for c in questions.image_poses_check(found, robot))
+
+
+def _certainty_checks(cell: Cell, solution: Solution, certainty: Certainty) -> Iterable[Check]:
+    cameras = fitted_cameras(cell, solution)
+    for robot, shared in certainty.robots.items():
+        name = robot if len(cell.layout.robots) > 1 else ""
+        yield from (_named(c, name) for c in shared_errors_check(shared, growth(cell, solution)))
+    for camera, shift in certainty.lenses.items():
+        name = camera if len(cell.roles) > 1 else ""
+        yield from (_named(c, name) for c in lens_shift_check(cameras[camera], shift))
 
 
 def _transforms(cell: Cell, solution: Solution) -> tuple[TransformEstimate, ...]:

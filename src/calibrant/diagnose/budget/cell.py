@@ -15,9 +15,9 @@ The first sum is the share of the noise, the second the share of intrinsics and 
 calibration ended with, whether the same images made it or it was given. A camera's budget is its part of the whole: its
 own transform, its target's and its lens, with what it owes to other cameras already in their covariance.
 
-All that holds for the noise levels found. That they are estimates makes the calibration's covariance larger by a few
-percent (`optimize.level_spread`), by f = tr(N^-1 (Cov(X) stated - intrinsics' share)) / 6 with N the noise's share of
-Cov(X); f - 1 times that share stands by itself.
+All that holds for the noise levels found, and for errors as independent as they are taken. What the calibration's
+covariance has more, because levels are estimates (`optimize.level_spread`) and neighbouring poses err alike
+(`cell.certainty`), stands by itself: Cov(X, Z) as stated, less noise and intrinsics, as far as it is above 0.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from calibrant.calibrate.cell.problem.groups import (
 from calibrant.calibrate.cell.problem.groups import (
     ROBOT_TRANSLATION as PLACES,
 )
-from calibrant.calibrate.cell.problem.layout import poses_variable, variable
+from calibrant.calibrate.cell.problem.layout import Frame, poses_variable, variable
 from calibrant.calibrate.cell.problem.problem import Cell
 from calibrant.calibrate.solvers.setup import Setup, get_setup
 from calibrant.cameras import Camera
@@ -58,7 +58,7 @@ from calibrant.optimize.problem import Problem
 
 Columns = dict[str, NDArray[np.int64]]
 
-INTRINSICS, TARGET, LEVELS = "intrinsics", "target", "uncertain noise levels"
+INTRINSICS, TARGET, LEVELS = "intrinsics", "target", "shared errors and uncertain levels"
 LOOP_SOURCES = {
     TARGET_ROTATION: "target rotation",
     TURNS: "flange rotation",
@@ -287,7 +287,7 @@ def _camera_budget(
         result.transform(*on).matrix,
         None if role is None else role.camera,
         again.noise_of(p) if role is not None else None,
-        _with_levels(result.transform(*at).covariance, {name: C[np.ix_(mine, mine)] for name, C in sources.items()}),
+        _with_rest(_stated(result, at, on), {name: C[np.ix_(mine, mine)] for name, C in sources.items()}),
         size,
         _notes(again.cell, p.camera),
     )
@@ -307,12 +307,24 @@ def _notes(cell: Cell, camera: str) -> tuple[str, ...]:
     return ()
 
 
-def _with_levels(stated: Array | None, sources: dict[str, Array]) -> dict[str, Array]:
-    """The sources with what the noise levels' own uncertainty adds; as they are where the result states nothing."""
+def _stated(result: CalibrationResult, *frames: Frame) -> Array | None:
+    """The covariance (12, 12) of two transforms together, as the result has it; None where it has none."""
+    joint = result.joint_covariance
+    if joint is None or result.transform(*frames[0]).covariance is None:
+        return None
+    rows = np.concatenate([6 * joint.frames.index(f) + np.arange(6) for f in frames])
+    return np.asarray(joint.matrix)[np.ix_(rows, rows)]
+
+
+def _with_rest(stated: Array | None, sources: dict[str, Array]) -> dict[str, Array]:
+    """The sources with what the result's covariance has more; as they are where the result states nothing."""
     if stated is None:
         return sources
-    noise = np.sum([C for name, C in sources.items() if name not in (TARGET, INTRINSICS)], axis=0)
-    by_noise = stated - sources[INTRINSICS][:6, :6] if INTRINSICS in sources else stated
-    # An inverse is convex: less than 1 is rounding, or the weights of points that were left out.
-    factor = float(np.trace(np.linalg.solve(noise[:6, :6], by_noise))) / 6
-    return {**sources, LEVELS: max(factor - 1, 0.0) * noise}
+    known = np.sum([C for name, C in sources.items() if name != TARGET], axis=0)
+    scale = np.sqrt(np.diag(stated))
+    scale = np.where(scale > 0, scale, 1.0)
+    values, axes = np.linalg.eigh((stated - known[:12, :12]) / scale[:, None] / scale)
+    # An inverse is convex: less than 0 is rounding, or the weights of points that were left out.
+    rest = np.zeros_like(known)
+    rest[:12, :12] = (axes * np.maximum(values, 0.0)) @ axes.T * scale[:, None] * scale
+    return {**sources, LEVELS: rest}

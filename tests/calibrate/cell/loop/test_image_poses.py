@@ -131,5 +131,6 @@ def test_circles_on_paper(shared_data: Callable[[str], Path]) -> None:
     result = calibrate_hand_eye(poses.poses, observations, setup="eye-in-hand")
     check = result.check("image-poses")
     assert check.status == "warn"
-    assert check.value == pytest.approx(15, rel=0.3)
-    assert "Beside them the robot errs by 0.9 mm / under 0.001 deg;" in check.message
+    # The lens is uncertain by what its photos share, which holds the other half of 15.
+    assert check.value == pytest.approx(8, rel=0.3)
+    assert "Beside them the robot errs by" in check.message

@@ -1,0 +1,44 @@
+"""What a finished cell says of errors that its poses share."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calibrant.calibrate.cell.certainty.lens import LensShift
+from calibrant.calibrate.cell.certainty.neighbours import SharedErrors
+from calibrant.cameras import Camera
+from calibrant.data import Check
+
+LIKELY = 0.99
+"""Chance from which errors are said to be shared; sigma holds them from the first per cent on."""
+ORDER_LIKELY = 0.9
+"""Share of that chance from which the order of the poses is named as what they go by."""
+
+
+def shared_errors_check(found: SharedErrors, growth: float) -> tuple[Check, ...]:
+    """Do neighbouring poses err alike? growth: sigma of the camera's position over that of independent errors."""
+    if found.chance < LIKELY:
+        return ()
+    alike = (
+        "poses taken one after the other err alike: something drifts or lags"
+        if found.order > ORDER_LIKELY * found.chance
+        else "poses near each other err alike: the robot's geometry, or the images' target poses"
+    )
+    return (
+        Check("shared-errors", "ok", f"{alike}; sigma holds it, {growth:.2g} times that of independent errors", growth),
+    )
+
+
+def lens_shift_check(camera: Camera, found: LensShift) -> tuple[Check, ...]:
+    """Do the robot's poses bend the lens away from what its photos say?"""
+    if not found.bent:
+        return ()
+    known = found.sigma > 0
+    k = int(np.argmax(np.where(known, np.abs(found.moved) / np.where(known, found.sigma, 1.0), 0.0)))
+    name, value = camera.model.parameter_names[k], float(camera.values[k])
+    message = (
+        f"the robot's poses bend the lens: {name} is {value:.6g} with them and {value - float(found.moved[k]):.6g} ± "
+        f"{float(found.sigma[k]):.2g} by the photos alone; sigma holds it. Give a camera calibrated by itself "
+        "(--camera), or find the robot's errors (--identify)"
+    )
+    return (Check("lens-by-robot", "warn", message, float(np.abs(found.moved[k]) / found.sigma[k])),)

@@ -1,0 +1,58 @@
+"""A cell's fit with all that its noise levels do not hold: errors that the poses of a robot share, and its lenses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibrant.arrays import Array
+from calibrant.calibrate.cell.certainty.lens import LensShift, lens_shift
+from calibrant.calibrate.cell.certainty.neighbours import SharedErrors, shared_errors
+from calibrant.calibrate.cell.certainty.pose_errors import pose_errors
+from calibrant.calibrate.cell.problem.groups import lens_variable, robot_groups
+from calibrant.calibrate.cell.problem.layout import poses_variable, variable
+from calibrant.calibrate.cell.problem.problem import Cell
+from calibrant.optimize.noise import NoiseEstimate
+from calibrant.optimize.solution import Solution
+
+
+@dataclass(frozen=True, eq=False)
+class Certainty:
+    """What was added to the covariance, by robot and by camera."""
+
+    robots: Mapping[str, SharedErrors]
+    lenses: Mapping[str, LensShift]
+
+
+def certain(cell: Cell, noise: NoiseEstimate) -> tuple[NoiseEstimate, Certainty]:
+    """The estimate with its whole covariance, and what was added to it."""
+    solution = noise.solution
+    there = {v.name for v in solution.problem.variables}
+    beside: Array = np.zeros_like(solution.shared_covariance)
+    robots: dict[str, SharedErrors] = {}
+    for robot in cell.layout.robots:
+        if poses_variable(robot) not in there:
+            continue
+        errors = pose_errors(solution, poses_variable(robot), robot_groups(robot))
+        found = None if errors is None else shared_errors(errors)
+        if found is not None:
+            robots[robot] = found
+            beside = beside + found.covariance
+    lenses: dict[str, LensShift] = {}
+    for name, role in cell.roles.items():
+        if lens_variable(name) in there and not role.exact:
+            shift = lens_shift(replace(solution, beside=beside), lens_variable(name), role)
+            if shift is not None:
+                lenses[name] = shift
+                beside = beside + shift.covariance
+    return replace(noise, solution=replace(solution, beside=beside)), Certainty(robots, lenses)
+
+
+def growth(cell: Cell, solution: Solution) -> float:
+    """The cameras' sigma of position over that by the noise levels alone."""
+    frames = [variable(f) for f in cell.layout.unknown if f[1] in cell.layout.cameras]
+    alone = replace(solution, beside=None)
+    whole, noise = (sum(float(np.trace(s.covariance(f)[3:, 3:])) for f in frames) for s in (solution, alone))
+    return float(np.sqrt(whole / noise)) if noise > 0 else 1.0

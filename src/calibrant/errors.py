@@ -37,7 +37,8 @@ class InputError(CalibrantError):
 class RefusedError(CalibrantError):
     """The data are readable but cannot determine the result, or contradict it: the calibration is refused.
 
-    `result` is the calibration that failed its checks, where it got that far; it is for diagnosis, not for use.
+    `result` is the calibration that failed its checks, where it got that far, or what the doctor found in the data; it
+    is for diagnosis, not for use.
 
         >>> import calibrant as cb
         >>> try:

@@ -30,18 +30,18 @@ def test_points_pictures_and_a_table(calibrant, cell, tmp_path: Path, untouched)
     assert sorted(len(v) for v in found.views)[1:] == [42] * 7
     assert min(len(v) for v in found.views) >= 41
     assert [m.id for m in found.missed] == ["blank.png"]
-    assert sorted(os.listdir(pictures)) == [f"{i:02d}.png.png" for i in range(8)]
-    assert cv2.imread(str(pictures / "00.png.png")).shape == (360, 480, 3)
+    assert sorted(os.listdir(pictures)) == [f"{i:02d}-seen.png" for i in range(8)]
+    assert cv2.imread(str(pictures / "00-seen.png")).shape == (360, 480, 3)
     untouched()
 
 
 def test_existing_pictures_are_left_alone(calibrant, cell, tmp_path: Path) -> None:
-    (tmp_path / "00.png.png").write_text("mine")
+    (tmp_path / "00-seen.png").write_text("mine")
     out = tmp_path / "observations.json"
     outcome = calibrant("detect", cell.images, "--target", TARGET, "--overlays", tmp_path, "--out", out)
     assert outcome.status == 2
-    assert "00.png.png exists already" in outcome.err
-    assert os.listdir(tmp_path) == ["00.png.png"]
+    assert "00-seen.png exists already" in outcome.err
+    assert os.listdir(tmp_path) == ["00-seen.png"]
 
 
 def test_json_alone_on_standard_output(calibrant, cell) -> None:

@@ -79,7 +79,7 @@ def test_poses_of_photos_with_pictures(
         error = se3.local(estimate.matrix, pose)
         # The camera's uncertainty is stated far larger than its error here, which is none.
         assert np.all(np.abs(error) < 3 * np.sqrt(np.diag(estimate.covariance)))  # type: ignore[arg-type]
-        picture = cv2.imread(str(seen / f"{i}.png.png"))
+        picture = cv2.imread(str(seen / f"{i}-seen.png"))
         assert picture is not None
         assert picture.shape[:2] == (1024, 1280)
     assert result.check("camera").status == "ok"

@@ -104,7 +104,7 @@ def test_free_joints_from_joint_values(calibrant, pair: Pair, cell, tmp_path: Pa
         "hand-eye", "--images", f"left={pair.left}", "--images", f"right={pair.right}", "--poses", pair.joints,
         "--target", TARGET, "--robot", "ur10e", "--identify", "offsets", "--out", out, "-q",
     )  # fmt: skip
-    assert (outcome.status, outcome.err) == (0, "")
+    assert (outcome.status, outcome.out) == (0, "")
     rows = {p.name: as_json(p) for p in cb.read(out).detail(RobotParameters).robots["robot"]}
     for name, truth in zip(("shoulder_lift", "elbow", "wrist_1", "wrist_2"), OFFSETS_DEG[1:5]):
         row = rows[f"{name} offset"]

@@ -39,6 +39,7 @@ from calibrant.data.details import (
     JointAxes,
     JointAxis,
     LoopSpread,
+    MarkedPoints,
     ModelCandidate,
     ModelChoice,
     PictureRegion,
@@ -77,6 +78,7 @@ def details() -> tuple[object, ...]:
         Deviations((ViewDeviation("0", 1 / 3, 0.1, 0.1, 0.2), ViewDeviation("1"))),
         TouchedPoint((1 / 3, 2.0, 3.0), {"0": 0.1}),
         PictureRegion(1, 2, 30, 40),
+        MarkedPoints(1 / 3, {"0": (3, 17)}),
         ViewPlan(
             "A point 1 m ahead",
             Expectation(1 / 3, 2 / 3),

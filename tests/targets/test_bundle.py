@@ -53,6 +53,13 @@ def test_a_turned_marker(tmp_path: Path) -> None:
     np.testing.assert_allclose(same.points, target.points, atol=1e-12)
 
 
+def test_a_bundle_s_file_needs_no_line_that_says_so(tmp_path: Path) -> None:
+    said, unsaid = bundle(tmp_path, CUBE), bundle(tmp_path, CUBE.replace("target: bundle\n", ""))
+    assert unsaid == said
+    with pytest.raises(InputError, match="needs `dictionary: NAME`"):
+        bundle(tmp_path, "cubes:\n- {side: 60mm, marker: 48mm, ids: [1]}\n")
+
+
 def test_a_factor_is_part_of_the_spec(tmp_path: Path) -> None:
     cube = bundle(tmp_path, CUBE)
     np.testing.assert_allclose(cube.scaled(1.5).points, 1.5 * cube.points)

@@ -48,9 +48,10 @@ def finish(outcome: Outcome, call: Call) -> RefusedError | None:
 
             # One line, however long: a terminal that folds it still copies it whole.
             sys.stdout.write(f"To {outcome.then.words}:\n  {next_command(outcome.then, call)}\n")
+    told = [f"warning: {text}" for text in outcome.warnings]
     if outputs.quiet and outcome.result is not None:
-        for line in _warnings(outcome.result):
-            sys.stderr.write(f"calibrant: {line}\n")
+        told += _warnings(outcome.result)
+    sys.stderr.writelines(f"calibrant: {line}\n" for line in told)
     return outcome.refusal or _not_strict(outcome, call)
 
 
@@ -60,11 +61,28 @@ def explained(error: RefusedError, call: Call) -> RefusedError:
     from calibrant.tasks.inputs.session import with_misses
 
     report = call.outputs.report
-    if report is None or not isinstance(error.result, CalibrationResult):
+    if report is None:
         return error
-    page = Document(report, partial(_page, _seen(with_misses(error.result))))
+    refused = error.result if isinstance(error.result, CalibrationResult) else _bare(error, call)
+    page = Document(report, partial(_page, _seen(with_misses(refused))))
     write_documents([page], force=call.outputs.force)
-    return RefusedError(f"{error}\ncalibrant: {report} shows the refused calibration")
+    told = RefusedError(f"{error}\ncalibrant: {report} shows the refused calibration")
+    told.result = error.result
+    return told
+
+
+def _bare(error: RefusedError, call: Call) -> CalibrationResult:
+    """What is known of a calibration that did not get as far as a result: why, and what it was to be made from."""
+    from calibrant.data import CalibrationResult, Check
+    from calibrant.data.verdicts import stamp
+    from calibrant.reports.kinds.registry import KINDS
+    from calibrant.tasks.inputs.session import file_records
+    from calibrant.tasks.registry import reads_of
+
+    words = call.command.name.split()
+    kind = next((word for word in reversed(words) if word in KINDS), words[0])
+    inputs = file_records(reads_of(call.command.task, call.request))
+    return stamp(CalibrationResult(kind, "refused", checks=(Check("refused", "fail", str(error)),), inputs=inputs))
 
 
 def _warnings(result: CalibrationResult) -> list[str]:

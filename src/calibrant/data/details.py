@@ -182,6 +182,14 @@ class PictureRegion:
 
 
 @dataclass(frozen=True)
+class MarkedPoints:
+    """Points whose error is above a limit, px, by view: they were used, and the next run may leave them out."""
+
+    limit_px: float
+    points: Mapping[str, tuple[int, ...]]
+
+
+@dataclass(frozen=True)
 class Expectation:
     """How well something will be known: 1 sigma along its worst direction and the radius of 95 % of the errors, mm."""
 
@@ -225,5 +233,6 @@ DETAILS: Mapping[str, type] = {
     "touched_point": TouchedPoint,
     "valid_region": PictureRegion,
     "plan": ViewPlan,
+    "marked_points": MarkedPoints,
 }
 """The key of each record in a result file."""

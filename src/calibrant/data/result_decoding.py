@@ -250,6 +250,8 @@ def _decode_view(data: Json, where: str) -> ViewResult:
         camera=_maybe(data, "camera", str, where),
         points_left_out=_maybe(data, "points_left_out", int, where) or 0,
         T_camera_target=_maybe_array(data, "T_camera_target", (4, 4), where),
+        min_px=_maybe_number(data, "min_px", where),
+        max_px=_maybe_number(data, "max_px", where),
     )
 
 

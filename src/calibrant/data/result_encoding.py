@@ -106,7 +106,7 @@ def _encode_method(m: MethodResult) -> Json:
 def _encode_view(v: ViewResult) -> Json:
     out: Json = {"id": v.id, "used": v.used, "points": v.points, "rms_px": v.rms_px, "reason": v.reason}
     extra = {"camera": v.camera, "points_left_out": v.points_left_out or None, "T_camera_target": v.T_camera_target}
-    return out | _present(extra)
+    return out | _present(extra | {"min_px": v.min_px, "max_px": v.max_px})
 
 
 def _encode_poses(poses: RobotPoses) -> Json:

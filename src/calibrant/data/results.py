@@ -42,7 +42,8 @@ class Check:
 
 @dataclass(frozen=True)
 class ViewResult:
-    """What one view contributed. rms_px is per point over both axes; reason says why it was left out, or flagged."""
+    """What one view contributed. rms_px is per point over both axes, min_px and max_px are the smallest and the largest
+    error of a point that was used; reason says why it was left out, or flagged."""
 
     id: str
     used: bool
@@ -52,6 +53,8 @@ class ViewResult:
     camera: str | None = None
     points_left_out: int = 0
     T_camera_target: Array | None = None
+    min_px: float | None = None
+    max_px: float | None = None
 
     def __repr__(self) -> str:
         rms = "" if self.rms_px is None else f", {self.rms_px:.3f} px"

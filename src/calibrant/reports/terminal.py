@@ -80,7 +80,7 @@ def summary(at: CalibrationResult | Look, *, verbose: bool = False) -> Renderabl
     if result.decided:
         parts.append(_headed("Decided", Text(decisions(result))))
     if result.checks:
-        parts.append(_checks(sorted_checks(result), verbose=verbose))
+        parts.append(_checks(sorted_checks(result), said=kind.said, verbose=verbose))
     return Group(*parts, *notes(result), _verdict(result))
 
 
@@ -184,7 +184,9 @@ def _views(rows: list[ViewRow], loop: Mapping[tuple[str, str], LoopView], *, nam
     if with_camera:
         table.add_column("camera")
     table.add_column(name.removesuffix("s"), overflow="fold", max_width=28)
-    headings = ["points", "RMS px"] * with_rms + ["loop mm", "loop deg"] * bool(loop)
+    # Beside a loop there is no room for the worst point; the report has it.
+    with_max = not loop and any(row.max_px is not None for row in rows)
+    headings = ["points", "RMS px"] * with_rms + ["max px"] * with_max + ["loop mm", "loop deg"] * bool(loop)
     for heading in headings:
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("", overflow="fold")
@@ -194,6 +196,8 @@ def _views(rows: list[ViewRow], loop: Mapping[tuple[str, str], LoopView], *, nam
         if with_rms:
             points = str(row.points) if not row.points_left_out else f"{row.points} (−{row.points_left_out})"
             cells += [points, _optional(row.rms_px)]
+        if with_max:
+            cells.append(_optional(row.max_px))
         if loop:
             step = loop.get((row.camera, row.id))
             cells += [_optional(step.mm if step else None), _optional(step.deg if step else None)]
@@ -219,10 +223,10 @@ def _worth_a_look(rows: list[ViewRow], loop: Mapping[tuple[str, str], LoopView])
     return [row for row in rows if row.reason or row in worst]
 
 
-def _checks(checks: Sequence[Check], *, verbose: bool) -> RenderableType:
+def _checks(checks: Sequence[Check], *, said: Sequence[str], verbose: bool) -> RenderableType:
     """The checks, the worst first; many that passed in one line, but for answers that were asked for."""
     every = verbose or sum(c.status == "ok" for c in checks) <= FEW
-    shown = [c for c in checks if every or c.status != "ok" or is_workspace_check(c)]
+    shown = [c for c in checks if every or c.status != "ok" or is_workspace_check(c) or c.name.startswith(tuple(said))]
     passed = len(checks) - len(shown)
     table = _table(header=False)
     table.add_column(no_wrap=True)

@@ -49,8 +49,12 @@ KINDS: dict[str, TargetKind] = {
 }
 
 
+_BUNDLES = {"markers", "cubes"}
+"""Keys that tell a bundle's own file, where it has no line `target: bundle`."""
+
+
 def parse_target(spec: str) -> Target:
-    """The target of a spec, or of a YAML file with a line `target: SPEC`.
+    """The target of a spec, or of a YAML file with a line `target: SPEC`, or of a bundle's own file.
 
     Args: spec, such as charuco:5x7:40mm:20mm:DICT_6X6_250 or board.yaml.
     Raises: InputError naming what is wrong and the expected form.
@@ -81,8 +85,14 @@ def _parse_spec(text: str, *, where: str) -> Target:
 
 def _spec_in_yaml(path: Path) -> str:
     content = read_yaml(path)
-    spec = content.get("target") if isinstance(content, dict) else None
-    if not isinstance(spec, str) or not spec:
-        raise InputError(f"target file {path} has no line `target: SPEC`, such as target: chessboard:9x6:25mm")
+    keys = content if isinstance(content, dict) else {}
+    spec = keys.get("target")
     # A bundle's own file is its spec.
-    return f"bundle:{path}" if spec.strip().lower() == "bundle" else spec
+    if str(spec).strip().lower() == "bundle" or (spec is None and _BUNDLES & set(keys)):
+        return f"bundle:{path}"
+    if not isinstance(spec, str) or not spec:
+        raise InputError(
+            f"target file {path} has no line `target: SPEC`, such as target: chessboard:9x6:25mm, and is no bundle, "
+            "which has `dictionary: NAME` and a list `markers:` or `cubes:`"
+        )
+    return spec

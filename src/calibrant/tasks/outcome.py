@@ -52,7 +52,8 @@ class Outcome:
     beside: documents that accompany the result file, where one is written; their paths are file names alone.
     summary, page: a terminal's words (Rich renderables, texts, and results, which are told as every result is; a tuple
     of several in their order) and an HTML page, where they are not those that every result has.
-    then: what to do next. refusal: raised when all is shown and written: the task did its work, and its answer is no.
+    warnings: what a person should know where there is no result whose checks say it. then: what to do next.
+    refusal: raised when all is shown and written: the task did its work, and its answer is no.
     """
 
     result: CalibrationResult | None = None
@@ -61,6 +62,7 @@ class Outcome:
     beside: tuple[Document, ...] = ()
     summary: Callable[[], Any] | None = None
     page: Callable[[], str] | None = None
+    warnings: tuple[str, ...] = ()
     then: NextStep | None = None
     refusal: RefusedError | None = None
 

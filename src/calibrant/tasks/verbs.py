@@ -10,12 +10,15 @@ tells type checkers the signatures; `signatures.py` writes it.
 from __future__ import annotations
 
 import inspect
+import re
 import textwrap
+import warnings
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from calibrant.errors import CalibrantError
 from calibrant.tasks.options.fields import Field, build, spread
 from calibrant.tasks.registry import TASKS, Entry, Task, reads_of, run_task
 from calibrant.tasks.writing import check_folder, check_spared, check_writable, write_documents
@@ -72,11 +75,23 @@ def _run(task: Task, values: Mapping[str, Any], *, force: bool) -> Any:
             check_writable(path, force=force)
         else:
             check_folder(path, option=field.name)
-    outcome = run_task(task, request, SILENT)
+    try:
+        outcome = run_task(task, request, SILENT)
+    except CalibrantError as error:
+        error.args = (in_python(str(error), task),)
+        raise
     write_documents(outcome.documents, force=force)
+    for text in outcome.warnings:
+        warnings.warn(text, stacklevel=3)
     if outcome.result is None and outcome.refusal is not None:
         raise outcome.refusal
     return outcome.result if outcome.answer is None else outcome.answer.value
+
+
+def in_python(message: str, task: Task) -> str:
+    """A message of the command in the words of its verb: what is --pose-units there is the argument pose_units here."""
+    names = {field.flag: field.name for field in spread(task.Request)} | {"--force": "force=True"}
+    return re.sub(r"(?<![\w-])--[a-z][a-z-]*", lambda flag: names.get(flag[0], flag[0]), message)
 
 
 def signature_of(task: Task) -> inspect.Signature:

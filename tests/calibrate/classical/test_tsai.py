@@ -21,7 +21,13 @@ from tests.calibrate.classical.classical_views import (
     seen,
 )
 
-from calibrant.calibrate.classical import Degenerate, calibrate_tsai, calibrate_tsai_coplanar, slide_k
+from calibrant.calibrate.classical import (
+    Degenerate,
+    calibrate_fast_rac,
+    calibrate_tsai,
+    calibrate_tsai_coplanar,
+    slide_k,
+)
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
 
@@ -219,3 +225,17 @@ def test_noise_moves_the_focal_length_in_proportion_and_to_no_side() -> None:
     # 80 trials know a standard deviation to 8 %, so a ratio to 11 %: 3 sigma.
     assert 4 / 1.35 < np.std(large) / np.std(small) < 4 * 1.35
     assert abs(np.mean(small)) < 4 * np.std(small) / np.sqrt(80)
+
+
+def test_what_was_not_given_is_said() -> None:
+    points, uv = BOARD, seen(camera(), pose(3), BOARD)
+    silent = calibrate_tsai_coplanar(points, uv, image_size=SIZE)
+    assert [text.partition(":")[0] for text in silent.assumed] == ["centre", "aspect"]
+    assert "(639.5, 511.5) px" in silent.assumed[0]
+    said = calibrate_tsai_coplanar(points, uv, image_size=SIZE, centre=(639.5, 511.5), aspect=1.0)
+    assert said.assumed == ()
+    assert said.camera.parameters == silent.camera.parameters
+    rac = calibrate_fast_rac(points, uv, image_size=SIZE, aspect=ASPECT)
+    assert [text.partition(":")[0] for text in rac.assumed] == ["centre"]
+    deep = calibrate_tsai(SOLID, seen(camera(), pose(3), SOLID), image_size=SIZE)
+    assert [text.partition(":")[0] for text in deep.assumed] == ["centre"]

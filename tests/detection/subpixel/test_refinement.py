@@ -52,6 +52,7 @@ def errors(how: Refinement, noise_grey: float) -> tuple[float, float]:
         (Refinement("saddle", 0.2), 0.012),
         (Refinement("saddle", zero_zone_px=1.0), 0.012),
         (Refinement("foerstner", 0.4), 0.016),
+        (Refinement("foerstner", 0.4, zero_zone_px=(1.0, 2.0)), 0.02),
         (Refinement("radon"), 0.018),
     ],
 )
@@ -86,6 +87,7 @@ def test_the_window_is_what_it_says() -> None:
         (lambda: Refinement("harris"), "unknown refinement 'harris'"),
         (lambda: Refinement("foerstner", 0.9), "5% to 50%"),
         (lambda: Refinement("radon", zero_zone_px=1.0), "no zero zone"),
+        (lambda: Refinement("saddle", zero_zone_px=(1.0, 30.0)), "got 1, 30 px"),
         (lambda: detector_for("circles", Refinement("radon")), "chessboard and charuco"),
     ],
 )

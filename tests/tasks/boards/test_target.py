@@ -34,6 +34,22 @@ def test_artwork_and_spec_are_written(tmp_path: Path, ending: str) -> None:
     assert "Print at 100 %" in text
 
 
+@pytest.mark.parametrize(
+    ("spec", "words"),
+    [
+        ("chessboard:9x6:25mm", []),
+        ("chessboard:9x9:15mm", ["looks the same turned by 180 degrees", "one even and one odd count"]),
+        ("circles:6x6:20mm", ["looks the same turned by 90 degrees", ":bigdot"]),
+        ("chessboard:9x6:40mm", ["does not fit on A4: this is A2"]),
+    ],
+)
+def test_what_a_board_cannot_tell_is_said_before_it_is_printed(tmp_path: Path, spec: str, words: list[str]) -> None:
+    told = " ".join(run_task(Request(spec=spec, out=tmp_path / "board.pdf")).warnings)
+    assert bool(told) == bool(words)
+    for word in words:
+        assert word in told
+
+
 def test_the_same_spec_gives_the_same_bytes(tmp_path: Path) -> None:
     run(SPEC, out=tmp_path / "a.pdf")
     run(SPEC, out=tmp_path / "b.pdf")

@@ -105,6 +105,23 @@ def test_hand_eye_refuses_what_the_doctor_calls_a_fault(faulty: list[str], capsy
     assert "calibrant doctor with the same arguments and --apply" in message
 
 
+def test_a_refused_hand_eye_writes_its_report(
+    tmp_path: Path, faulty: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    report, out = tmp_path / "refused.html", tmp_path / "refused.json"
+    assert run(["hand-eye", *faulty, "--report", str(report), "--out", str(out)]) == 1
+    assert f"{report} shows the refused calibration" in capsys.readouterr().err
+    assert "the poses stand one row too late" in report.read_text()
+    assert not out.exists()
+    scene = hand_eye_scene("parallel-axes")
+    given = files(tmp_path, scene.robot_poses.T_base_gripper, scene.measured_T_camera_target)
+    assert run(["hand-eye", *given, "--report", str(report), "--force"]) == 1
+    page = report.read_text()
+    assert "DO NOT USE" in page
+    assert "all rotations turn about one axis" in page
+    assert "poses.csv" in page
+
+
 def test_hand_eye_says_a_flipped_board(tmp_path: Path, scene: HandEyeScene, capsys: pytest.CaptureFixture[str]) -> None:
     B = scene.measured_T_camera_target.copy()
     B[4] = flipped_board(scene.points, B[4])

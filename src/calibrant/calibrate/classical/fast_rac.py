@@ -16,7 +16,7 @@ the origin's noise is not averaged.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,6 +36,7 @@ from calibrant.calibrate.classical.linear import RANK, SIGMAS
 from calibrant.calibrate.classical.points import (
     FLAT,
     ClassicalCalibration,
+    assumed,
     checked_aspect,
     checked_pairs,
     image_centre,
@@ -76,12 +77,13 @@ def calibrate_fast_rac(
     *,
     image_size: tuple[int, int],
     centre: ArrayLike | None = None,
-    aspect: float = 1.0,
+    aspect: float | None = None,
 ) -> ClassicalCalibration:
     """Focal length, slide 50's radial term and pose from one view of a plane by three fits of two unknowns.
 
     Args: points (n, 3) metres with z = 0, among them the origin and two more on the x_w and on the y_w axis; uv (n, 2)
-    px; centre (2,) px and aspect as for Tsai's method. Returns a camera of the model `division`, and one pose.
+    px; centre (2,) px and aspect as for Tsai's method. Returns a camera of the model `division`, one pose, and what was
+    taken as known without being given (`assumed`).
     Raises: InputError for unusable arguments; Degenerate for too few or collinear points, points off the plane
     z = 0, axes that are not seen, t_y = 0, a plane that faces the camera, no positive focal length.
     """
@@ -97,7 +99,7 @@ def calibrate_fast_rac(
     def step_two(rows: Aligned) -> Depth:
         return _depth_of_rows(rows, alignment, axes.origin)
 
-    return finished(
+    found = finished(
         alignment,
         p,
         image,
@@ -107,6 +109,7 @@ def calibrate_fast_rac(
         mirrored=True,
         linear=step_two,
     )
+    return replace(found, assumed=assumed(middle, centre, aspect=aspect, takes_aspect=True))
 
 
 def find_axes(xy: Array, *, tolerance: float) -> Axes:

@@ -18,10 +18,14 @@ FLAT = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class ClassicalCalibration:
-    """What a classical method finds: the camera, and T_camera_target (m, 4, 4), metres, of the m views it used."""
+    """What a classical method finds: the camera, and T_camera_target (m, 4, 4), metres, of the m views it used.
+
+    assumed: what the method takes as known and was not given, in words: an error in it goes into all that was found.
+    """
 
     camera: Camera
     T_camera_target: Array
+    assumed: tuple[str, ...] = ()
 
 
 def checked_pairs(points: ArrayLike, uv: ArrayLike, *, least: int, method: str) -> tuple[Array, Array]:
@@ -75,8 +79,24 @@ def image_centre(image_size: tuple[int, int], centre: ArrayLike | None) -> Array
     return given
 
 
-def checked_aspect(aspect: float) -> float:
-    """mu = f_y / f_x (slide 48). Raises: InputError unless it is positive."""
+def assumed(
+    middle: Array, centre: ArrayLike | None, *, aspect: float | None = None, takes_aspect: bool
+) -> tuple[str, ...]:
+    """What of principal point and aspect was not given, in words, for `ClassicalCalibration.assumed`.
+
+    Args: middle (2,) px, what was taken for the principal point; takes_aspect, whether the method takes one as known.
+    """
+    at = (
+        f"centre: ({middle[0]:g}, {middle[1]:g}) px, the image's middle, taken as the principal point: it was not given"
+    )
+    square = "aspect: 1, square pixels, taken as f_y / f_x: it was not given"
+    return (*([at] if centre is None else []), *([square] if takes_aspect and aspect is None else []))
+
+
+def checked_aspect(aspect: float | None) -> float:
+    """mu = f_y / f_x (slide 48), 1 where it is not given. Raises: InputError unless it is positive."""
+    if aspect is None:
+        return 1.0
     if not (np.isfinite(aspect) and aspect > 0):
         raise InputError(f"aspect is f_y / f_x, a positive number, 1 for square pixels; got {aspect}")
     return float(aspect)

@@ -7,6 +7,8 @@ coplanar points mu = f_y / f_x too (slide 52). One view is enough.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -15,6 +17,7 @@ from calibrant.calibrate.classical.alignment import Scale, align, align_coplanar
 from calibrant.calibrate.classical.depth import finished
 from calibrant.calibrate.classical.points import (
     ClassicalCalibration,
+    assumed,
     checked_aspect,
     checked_pairs,
     dimension,
@@ -33,16 +36,17 @@ def calibrate_tsai_coplanar(
     *,
     image_size: tuple[int, int],
     centre: ArrayLike | None = None,
-    aspect: float = 1.0,
+    aspect: float | None = None,
     radial: RadialModel = "division",
     scale: Scale = "t_y",
 ) -> ClassicalCalibration:
     """Focal length, one radial term and pose from one view of a plane: slides 53 to 63.
 
     Args: points (n, 3) metres in a plane, n >= 5; uv (n, 2) px; centre (2,) px, (C_x, C_y), the image's middle when not
-    given; aspect, f_y / f_x; radial, the lens (see `radial`), by slide 50's when not given; scale, what step one
-    divides by. t_y = 0 means the origin of the plane's own frame; of a target in z = 0 that is the target's.
-    Returns a camera of the model `radial`, and one pose.
+    given; aspect, f_y / f_x, 1 when not given; radial, the lens (see `radial`), by slide 50's when not given; scale,
+    what step one divides by. t_y = 0 means the origin of the plane's own frame; of a target in z = 0 that is the
+    target's.
+    Returns a camera of the model `radial`, one pose, and what was taken as known without being given (`assumed`).
     Raises: InputError for unusable arguments; Degenerate for too few or collinear points, points with depth,
     t_y = 0, a plane that faces the camera, no positive focal length.
     """
@@ -58,7 +62,8 @@ def calibrate_tsai_coplanar(
     alignment = align_coplanar(plane.xy, image, aspect=mu, scale=scale)
     flat = np.column_stack([plane.xy, np.zeros(len(p))])
     found = finished(alignment, flat, image, radial=radial, centre=middle, image_size=image_size, mirrored=True)
-    return ClassicalCalibration(found.camera, found.T_camera_target @ plane.T_plane_target)
+    unsaid = assumed(middle, centre, aspect=aspect, takes_aspect=True)
+    return ClassicalCalibration(found.camera, found.T_camera_target @ plane.T_plane_target, unsaid)
 
 
 def calibrate_tsai(
@@ -88,4 +93,5 @@ def calibrate_tsai(
         )
     image = m - middle
     alignment = align(p, image, scale=scale)
-    return finished(alignment, p, image, radial=radial, centre=middle, image_size=image_size, mirrored=False)
+    found = finished(alignment, p, image, radial=radial, centre=middle, image_size=image_size, mirrored=False)
+    return replace(found, assumed=assumed(middle, centre, takes_aspect=False))

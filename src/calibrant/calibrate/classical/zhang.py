@@ -25,6 +25,7 @@ from calibrant.calibrate.classical.dlt import camera_of
 from calibrant.calibrate.classical.linear import SIGMAS, least_squares, null_vector
 from calibrant.calibrate.classical.points import (
     ClassicalCalibration,
+    assumed,
     checked_pairs,
     dimension,
     image_centre,
@@ -95,7 +96,8 @@ def calibrate_zhang_one_view(
             "little. Tilt the target 20 to 45 degrees",
         )
     K = np.array([[focal[0], 0, middle[0]], [0, focal[1], middle[1]], [0, 0, 1]])
-    return ClassicalCalibration(_pinhole(K, image_size), _poses_in_front(H, K, xy) @ T_plane_target)
+    unsaid = assumed(middle, centre, takes_aspect=False)
+    return ClassicalCalibration(_pinhole(K, image_size), _poses_in_front(H, K, xy) @ T_plane_target, unsaid)
 
 
 def zhang_distortion(

@@ -26,7 +26,7 @@ def calibrate_intrinsics(
     """Calibrate one camera from views of a planar target.
 
     model: one of `cameras.MODELS`, "splined" with a grid laid over the points, or "auto" to choose by held-out views.
-    fix: parameters (or aspect, tangential, focal, principal) held at `initial`, or at their neutral values.
+    fix: parameters (or aspect, radial, tangential, focal, principal) held at `initial`, or at their neutral values.
     initial: start values; its model may differ, terms it lacks start at 0. max_error_px: points above it are left out
     and the rest is calibrated again. target_shape: "flat", or estimated with the camera: "paraboloid" or "free" (see
     `target_shape`); the result then holds its shape among `details`.

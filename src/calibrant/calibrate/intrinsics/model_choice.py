@@ -18,7 +18,7 @@ from calibrant.calibrate.classical import planar as planar_start
 from calibrant.calibrate.intrinsics.one_model import Kept, calibrate_keeping
 from calibrant.calibrate.pose.target_poses import target_poses
 from calibrant.calibrate.reprojection.factor import stack
-from calibrant.calibrate.reprojection.held import ASPECT, GROUPS, expand_fix
+from calibrant.calibrate.reprojection.held import ASPECT, GROUPS, RADIAL_GROUP, expand_fix
 from calibrant.calibrate.starts import any_lens as camera_start
 from calibrant.calibrate.starts.with_depth import is_flat
 from calibrant.cameras import Camera, camera_model
@@ -118,7 +118,8 @@ def ladder(observations: Observations, fix: Sequence[str] = ()) -> tuple[str, ..
         else:
             reach = float(np.rad2deg(np.quantile(start.angles(stacked.uv), 0.999)))
         rungs = LADDERS["narrow" if reach < NARROW_DEG else "middle" if reach < WIDE_DEG else "wide"]
-    known = [r for r in rungs if all(f in (ASPECT, *GROUPS, *camera_model(r).parameter_names) for f in fix)]
+    groups = (ASPECT, RADIAL_GROUP, *GROUPS)
+    known = [r for r in rungs if all(f in (*groups, *camera_model(r).parameter_names) for f in fix)]
     if not known:
         raise InputError(f"--model auto tries {', '.join(rungs)}, and none has all of: {', '.join(fix)}")
     return tuple(known)

@@ -11,7 +11,10 @@ from calibrant.cameras import CameraModel
 from calibrant.errors import InputError
 from calibrant.optimize.manifolds import Euclidean, Manifold, Subspace
 
+RADIAL = ("k1", "k2", "k3", "k4", "k5", "k6")
 GROUPS = {"tangential": ("p1", "p2"), "focal": ("fx", "fy"), "principal": ("cx", "cy")}
+RADIAL_GROUP = "radial"
+"""All radial terms that a model has."""
 ASPECT = "aspect"
 
 
@@ -25,12 +28,15 @@ def expand_fix(fix: Sequence[str], model: CameraModel) -> tuple[tuple[str, ...],
     for name in fix:
         if name == ASPECT:
             aspect = True
+        elif name == RADIAL_GROUP and (terms := [p for p in RADIAL if p in model.parameter_names]):
+            held += terms
         elif name in GROUPS and all(p in model.parameter_names for p in GROUPS[name]):
             held += GROUPS[name]
         elif name in model.parameter_names:
             held.append(name)
         else:
             groups = [g for g, members in GROUPS.items() if all(p in model.parameter_names for p in members)]
+            groups += [RADIAL_GROUP] * any(p in model.parameter_names for p in RADIAL)
             raise InputError(
                 f"cannot fix {name!r}: the {model.name} model has {model.listed}; "
                 f"groups are {', '.join([*groups, ASPECT])}"

@@ -27,8 +27,8 @@ def fitted_view(
     lost = total - len(squares)
     if remark is None and lost:
         remark = points_reason(lost, total, limit_px)
-    rms = float(np.sqrt(squares.mean()))
-    return ViewResult(view.id, True, len(squares), rms, remark, view.camera, lost, T_camera_target)
+    rms, least, most = (float(np.sqrt(of(squares))) for of in (np.mean, np.min, np.max))
+    return ViewResult(view.id, True, len(squares), rms, remark, view.camera, lost, T_camera_target, least, most)
 
 
 def unused_view(view: View, reason: str | None, T_camera_target: Array | None = None) -> ViewResult:

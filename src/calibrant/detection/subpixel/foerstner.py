@@ -25,7 +25,7 @@ import numpy as np
 from calibrant.arrays import Array, Grey
 from calibrant.compiled import compiled, compiled_part
 from calibrant.detection.subpixel.noise import noise_variance, raster_variance
-from calibrant.detection.subpixel.saddle import Refined
+from calibrant.detection.subpixel.saddle import Refined, Zone, zone_of
 
 MOST_STEPS = 30
 SMALL_STEP_PX = 1e-3
@@ -34,22 +34,22 @@ LEAST_HALF_PX = 2.0
 """Half width of the smallest window: with less there are no two edges in it."""
 
 
-def refine(grey: Grey, uv: Array, half_px: Array, *, zero_zone_px: float = 0.0) -> Refined:
+def refine(grey: Grey, uv: Array, half_px: Array, *, zero_zone_px: Zone = 0.0) -> Refined:
     """Corners near uv (n, 2). Args: half_px (n,): half widths of the windows; zero_zone_px: half
-    width of the square around the corner that is left out, 0 for none.
+    width of the square around the corner that is left out, 0 for none, or its half widths along x and y.
     """
     fitted = _fit(
         np.ascontiguousarray(grey),
         np.ascontiguousarray(uv, np.float64),
         np.maximum(np.ascontiguousarray(half_px, np.float64), LEAST_HALF_PX),
-        float(zero_zone_px),
+        zone_of(zero_zone_px),
     )
     return Refined(
         fitted[:, :2], fitted[:, 2], fitted[:, 4], fitted[:, 3], np.ones(len(fitted)), np.isfinite(fitted[:, 2])
     )
 
 
-@compiled_part("void(uint8[:, ::1], float64, float64, float64, float64, float64[::1])")
+@compiled_part("void(uint8[:, ::1], float64, float64, float64, float64[::1], float64[::1])")
 def _equations(grey, x, y, half, zero, sums):  # type: ignore[no-untyped-def]
     """Fills sums (6,): N_xx, N_xy, N_yy, N (p - start) as two, and the number of pixels."""
     h, w = grey.shape
@@ -58,7 +58,7 @@ def _equations(grey, x, y, half, zero, sums):  # type: ignore[no-untyped-def]
         for u in range(max(int(x - half), 1), min(int(x + half) + 2, w - 1)):
             dx, dy = u - x, v - y
             r2 = dx * dx + dy * dy
-            if r2 > half * half or (abs(dx) < zero and abs(dy) < zero):
+            if r2 > half * half or (abs(dx) < zero[0] and abs(dy) < zero[1]):
                 continue
             weight = (1.0 - r2 / (half * half)) ** 2
             gx = 0.5 * (float(grey[v, u + 1]) - float(grey[v, u - 1]))
@@ -72,7 +72,7 @@ def _equations(grey, x, y, half, zero, sums):  # type: ignore[no-untyped-def]
             sums[5] += 1.0
 
 
-@compiled_part("float64(uint8[:, ::1], float64, float64, float64, float64, float64)")
+@compiled_part("float64(uint8[:, ::1], float64, float64, float64, float64[::1], float64)")
 def _spread(grey, x, y, half, zero, variance):  # type: ignore[no-untyped-def]
     """Variance of the corner per axis, px^2, for noise of a variance."""
     h, w = grey.shape
@@ -83,7 +83,7 @@ def _spread(grey, x, y, half, zero, variance):  # type: ignore[no-untyped-def]
         for u in range(u0 + 1, u1 - 1):
             dx, dy = u - x, v - y
             r2 = dx * dx + dy * dy
-            if r2 > half * half or (abs(dx) < zero and abs(dy) < zero):
+            if r2 > half * half or (abs(dx) < zero[0] and abs(dy) < zero[1]):
                 continue
             weight = (1.0 - r2 / (half * half)) ** 2
             gx = 0.5 * (float(grey[v, u + 1]) - float(grey[v, u - 1]))
@@ -123,7 +123,7 @@ def _spread(grey, x, y, half, zero, variance):  # type: ignore[no-untyped-def]
     return 0.5 * (var_x + var_y)
 
 
-@compiled("float64[:, ::1](uint8[:, ::1], float64[:, ::1], float64[::1], float64)")
+@compiled("float64[:, ::1](uint8[:, ::1], float64[:, ::1], float64[::1], float64[::1])")
 def _fit(grey, uv, half, zero):  # type: ignore[no-untyped-def]
     """Rows (n, 5): x, y, sigma per axis (infinite where it failed), noise and half contrast, grey levels."""
     h, w = grey.shape

@@ -26,12 +26,13 @@ class Refinement:
     """A method with its options.
 
     method: saddle, foerstner or radon; window: its half width over the smallest distance to the next corner, None for
-    the method's own choice; zero_zone_px: half width of the square around the corner that is left out, 0 for none.
+    the method's own choice; zero_zone_px: half width of the square around the corner that is left out, 0 for none, or
+    its half widths along x and y.
     """
 
     method: str = "saddle"
     window: float | None = None
-    zero_zone_px: float = 0.0
+    zero_zone_px: float | tuple[float, float] = 0.0
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -41,9 +42,11 @@ class Refinement:
                 f"the window is {100 * LEAST_WINDOW:g}% to {100 * MOST_WINDOW:g}% of the distance to the next corner, "
                 f"got {100 * self.window:g}%"
             )
-        if not 0.0 <= self.zero_zone_px < 20.0:
-            raise InputError(f"the zero zone is 0 px (none) to 20 px, got {self.zero_zone_px:g} px")
-        if self.method == "radon" and self.zero_zone_px > 0:
+        zone = np.atleast_1d(np.asarray(self.zero_zone_px, dtype=np.float64))
+        if zone.size > 2 or not np.all((zone >= 0.0) & (zone < 20.0)):
+            got = ", ".join(f"{half:g}" for half in zone)
+            raise InputError(f"the zero zone is 0 px (none) to 20 px, for both axes or along x and y, got {got} px")
+        if self.method == "radon" and np.any(zone > 0):
             raise InputError("the Radon refinement has no zero zone; leave --zero-zone out, or take foerstner")
 
 

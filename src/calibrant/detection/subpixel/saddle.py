@@ -80,6 +80,15 @@ class Refined:
     converged: NDArray[np.bool_]
 
 
+Zone = float | tuple[float, float]
+"""Half widths, px, of what is left out around a corner: one for both axes, or along x and along y."""
+
+
+def zone_of(zone: Zone) -> Array:
+    """The half widths along x and y, (2,)."""
+    return np.broadcast_to(np.asarray(zone, dtype=np.float64), 2).copy()
+
+
 def refine(
     grey: Grey,
     uv: Array,
@@ -88,13 +97,14 @@ def refine(
     *,
     radius_px: float = 6.0,
     blur_px: float = 1.0,
-    zero_zone_px: float = 0.0,
+    zero_zone_px: Zone = 0.0,
 ) -> Refined:
     """Corners where two edges cross, near uv (n, 2).
 
     Args: steps (n, 4) pixels: ux, uy to the next corner along the row and vx, vy along the column; dark (n,): colour of
     the square towards both; radius_px: largest half width of the window; blur_px: the blur to start from, about the
-    uncertainty of uv; zero_zone_px: half width of the square around the corner that is left out, 0 for none.
+    uncertainty of uv; zero_zone_px: half width of the square around the corner that is left out, 0 for none, or
+    its half widths along x and y.
     """
     fitted, sigma, pieces = _fit(
         grey,
@@ -103,7 +113,7 @@ def refine(
         np.ascontiguousarray(dark, dtype=np.bool_),
         float(radius_px),
         float(blur_px),
-        float(zero_zone_px),
+        zone_of(zero_zone_px),
     )
     ok = np.isfinite(sigma[:, 0])
     sigma[:, 0] *= np.sqrt(variance_ratio(pieces[ok]))
@@ -186,7 +196,7 @@ def _raster(angle, length):  # type: ignore[no-untyped-def]
     return RASTER_PX3 * (abs(math.sin(math.pi * crossed) / (math.pi * crossed)) if crossed > 1e-3 else 1.0)
 
 
-@compiled_part("int64(uint8[:, ::1], float64[::1], float64[::1], float64, float64, float64[:, ::1])")
+@compiled_part("int64(uint8[:, ::1], float64[::1], float64[::1], float64, float64[::1], float64[:, ::1])")
 def _window(grey, centre, step, radius, zero, window):  # type: ignore[no-untyped-def]
     """Fills u, v and grey (3, count) of the pixels within the window around a centre; returns their count."""
     h, w = grey.shape
@@ -197,7 +207,7 @@ def _window(grey, centre, step, radius, zero, window):  # type: ignore[no-untype
     for v in range(max(int(centre[1] - radius), 0), min(int(centre[1] + radius) + 2, h)):
         for u in range(max(int(centre[0] - radius), 0), min(int(centre[0] + radius) + 2, w)):
             dx, dy = u - centre[0], v - centre[1]
-            if abs(dx) < zero and abs(dy) < zero:
+            if abs(dx) < zero[0] and abs(dy) < zero[1]:
                 continue
             a = (dx * step[3] - dy * step[2]) / det
             b = (dy * step[0] - dx * step[1]) / det
@@ -286,7 +296,7 @@ def _sum_pieces(window, p, cofactors, variance, sums):  # type: ignore[no-untype
 
 @compiled(
     "UniTuple(float64[:, ::1], 3)(uint8[:, ::1], float64[:, ::1], float64[:, ::1], boolean[::1], float64, float64, "
-    "float64)"
+    "float64[::1])"
 )
 def _fit(grey, uv, steps, dark, radius, blur, zero):  # type: ignore[no-untyped-def]
     """Parameters (n, 11); (n, 2): standard deviation per axis in px (infinite where it failed) and of grey, taking

@@ -3,7 +3,8 @@
 Written keys are those of OpenCV's calibration sample: image_width, image_height, camera_matrix,
 distortion_coefficients (k1 k2 p1 p2 k3, and on to tx ty for the models that have them), avg_reprojection_error (RMS per
 point over both axes, px). Added:
-camera_model, parameter_names and parameter_sigma (1 sigma, 0 for a fixed term).
+camera_model, parameter_names and parameter_sigma (1 sigma, 0 for a fixed term); and where the lens has no more than
+k1 k2 p1 p2 k3, K and kc, the names of the calibration program whose `Intr.yml` this is.
 """
 
 from __future__ import annotations
@@ -64,6 +65,8 @@ def intrinsics_text(camera: Camera, *, rms_px: float | None = None, created: str
         "camera_matrix": camera.K,
         "distortion_coefficients": np.array([[p.get(k, 0.0)] for k in _TERMS[camera.model.name]]),
     }
+    if _TERMS[camera.model.name] == TERMS[:5]:
+        values |= {"K": camera.K, "kc": values["distortion_coefficients"]}
     if "xi" in p:
         values["xi"] = p["xi"]
     if rms_px is not None:

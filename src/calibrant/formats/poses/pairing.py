@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import PurePath, PureWindowsPath
@@ -13,6 +14,8 @@ from calibrant.formats.poses.raw import RawPoses
 
 _LISTED = 5
 """Names a message lists before it stops with an ellipsis."""
+_MOST_EXCLUDED = 12
+"""Names that an option to copy lists; more would be most of the set."""
 
 
 @dataclass(frozen=True)
@@ -83,15 +86,21 @@ def match_by_order(poses: int, view_names: Sequence[str], *, pose_names: Sequenc
     )
 
 
+def _excluded(names: Sequence[str]) -> str:
+    """Names as --exclude takes them, all of them where they can be read."""
+    return shlex.join(names) if len(names) <= _MOST_EXCLUDED else f"and the names of all {len(names)}"
+
+
 def _by_name(
     pose_names: Sequence[str], view_names: Sequence[str], poses: dict[str, int], views: dict[str, int]
 ) -> Pairing:
     alone = [view_names[i] for name, i in views.items() if name not in poses]
     if alone:
+        cure = "add the pose, or leave the image out" if len(alone) == 1 else "add the poses, or leave the images out"
         raise InputError(
             f"{len(alone)} of {len(view_names)} images have no robot pose: {_first(alone)}; poses and images are "
-            f"paired by name, and the poses are called {_first(pose_names)}; add the pose, or leave the image out with "
-            f"--exclude {alone[0]}"
+            f"paired by name, and the poses are called {_first(pose_names)}; "
+            f"{cure} with --exclude {_excluded(alone)}"
         )
     unused = tuple(pose_names[i] for name, i in poses.items() if name not in views)
     message = f"{len(views)} images paired with poses by name"

@@ -32,8 +32,9 @@ class Kind:
 
     headline: the few figures that answer "how good is it". answer: one sentence that says how well what was asked for
     is known, empty where nothing says so. facts: errors and noise. rows: what the rows of the result are, in the
-    plural. tables: what only this kind has. page and terminal: in place of the parts that other kinds have, for a kind
-    that is no calibration.
+    plural. tables: what only this kind has. said: how names of checks begin whose message is an answer,
+    shown though they passed. page
+    and terminal: in place of the parts that other kinds have, for a kind that is no calibration.
     """
 
     title: str
@@ -42,5 +43,6 @@ class Kind:
     facts: Callable[[CalibrationResult], list[Fact]] = noise_facts
     rows: str = "views"
     tables: Callable[[CalibrationResult], list[TextTable]] = no_tables
+    said: tuple[str, ...] = ()
     page: Callable[[Look], list[Block]] | None = None
     terminal: Callable[[CalibrationResult], list[RenderableType]] | None = None

@@ -5,4 +5,4 @@ from __future__ import annotations
 from calibrant.reports.kinds.kind import Kind
 from calibrant.reports.kinds.phrases import first_transform, placed
 
-KIND = Kind("Target pose", placed, first_transform)
+KIND = Kind("Target pose", placed, first_transform, said=("weakest", "second-solution"))

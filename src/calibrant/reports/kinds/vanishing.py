@@ -20,4 +20,4 @@ def _headline(result: CalibrationResult) -> list[Fact]:
     return [*turns, *errors(result, "pixel noise, 1σ")]
 
 
-KIND = Kind("Rotation from vanishing points", _headline, _answer)
+KIND = Kind("Rotation from vanishing points", _headline, _answer, said=("orthogonality", "focal-length"))

@@ -18,6 +18,8 @@ class ViewRow:
     points_left_out: int
     rms_px: float | None
     reason: str
+    min_px: float | None = None
+    max_px: float | None = None
 
     @property
     def status(self) -> str:
@@ -38,4 +40,8 @@ def view_rows(result: CalibrationResult) -> list[ViewRow]:
 
 
 def _view_row(view: ViewResult, camera: str) -> ViewRow:
-    return ViewRow(view.id, camera, view.used, view.points, view.points_left_out, view.rms_px, view.reason or "")
+    return ViewRow(
+        *(view.id, camera, view.used, view.points, view.points_left_out, view.rms_px, view.reason or ""),
+        min_px=view.min_px,
+        max_px=view.max_px,
+    )

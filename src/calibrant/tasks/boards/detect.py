@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from calibrant.tasks.inputs import session
+from calibrant.tasks.inputs.picture_names import picture_names
 from calibrant.tasks.inputs.sources import Source
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.images import CornerOptions, PhotoOptions, SearchOptions
@@ -71,12 +72,12 @@ def _observations_result(found: Observations, inputs: list[Path], *, mirror_x: b
 
 
 def _pictures(found: Observations, request: Request) -> Iterator[Document]:
-    """A picture of each view; folders in a view's name, which tell photos of one name apart, become part of it."""
+    """A picture of each view."""
     folder = request.overlays
     if folder is not None:
+        names = picture_names(v.id for v in found.views)
         for view in found.views:
-            path = folder / (view.id.replace("/", "_") + ".png")
-            yield Document(path, partial(_drawn, view, mirror_x=request.search.mirror_x))
+            yield Document(folder / names[view.id], partial(_drawn, view, mirror_x=request.search.mirror_x))
 
 
 def _drawn(view: View, *, mirror_x: bool) -> bytes:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from calibrant.reports.sheet import Sheet
+    from calibrant.targets.target import Target
 
 EXAMPLE = 'cb.target("charuco:5x7:40mm:20mm:DICT_6X6_250", out="board.pdf")'
 
@@ -48,7 +49,25 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
         Document(request.out, partial(write, sheet)),
         Document(spec_file, _spec_text(request.out.name, board.spec, sheet).encode()),
     )
-    return Outcome(documents=documents, summary=partial(_said, request.out, spec_file, board.spec, sheet))
+    summary = partial(_said, request.out, spec_file, board.spec, sheet)
+    return Outcome(documents=documents, summary=summary, warnings=tuple(_doubts(board, sheet, request.page)))
+
+
+def _doubts(board: Target, sheet: Sheet, page: str) -> list[str]:
+    """What a person should know before printing it."""
+    out = []
+    turn = getattr(board, "turns_unnoticed_deg", None)
+    if turn is not None:
+        cure = (
+            "one even and one odd count of inner corners tell its ends apart"
+            if board.kind == "chessboard"
+            else ":bigdot, or an asymmetric grid with an odd number of rows, tells its ends apart"
+        )
+        out.append(f"{board.spec} looks the same turned by {turn} degrees, so that photos do not tell its ends: {cure}")
+    if page == "auto" and sheet.page != "a4":
+        size = "a page of its own size" if sheet.page == "fit" else sheet.page.upper()
+        out.append(f"{board.spec} does not fit on A4: this is {size}; smaller or fewer squares do")
+    return out
 
 
 def _spec_text(name: str, spec: str, sheet: Sheet) -> str:

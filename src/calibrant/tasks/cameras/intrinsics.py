@@ -7,7 +7,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from calibrant.errors import InputError
 from calibrant.tasks.inputs import session
+from calibrant.tasks.inputs.marked import with_marks, without_marked
 from calibrant.tasks.inputs.sources import Source
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.cameras import LensOptions
@@ -39,8 +41,14 @@ class Request:
     """Start from this camera file (any format)."""
     max_error: Annotated[str | None, Option("PX")] = None
     """Leave out points with a larger error, e.g. 1.0px, and calibrate again."""
+    mark_outliers: Annotated[str | None, Option("PX")] = None
+    """Only mark points with a larger error, e.g. 0.5px: --without-marked of the next run leaves them out."""
+    without_marked: Annotated[Path | None, Option("RESULT.json")] = None
+    """Leave out the points that this result of --mark-outliers has marked."""
     target_shape: Annotated[str, Option("flat|paraboloid|free")] = "flat"
     """Estimate the board's own shape with the camera: its bend, or every point."""
+    name: Annotated[str, Option("NAME")] = "camera"
+    """What the camera is called: its key under `cameras` in the result."""
     search: SearchOptions = SearchOptions()
     corners: CornerOptions = CornerOptions()
     opencv_yaml: Annotated[Path | None, Option("FILE.yml", output="file")] = None
@@ -55,30 +63,43 @@ def reads(request: Request) -> list[Path]:
 
 
 def _inputs(request: Request, source: Source, files: list[Path]) -> list[Path]:
-    return [*source.inputs(files), *([request.initial] if request.initial else [])]
+    given = (request.initial, request.without_marked)
+    return [*source.inputs(files), *(file for file in given if file is not None)]
 
 
 def run(request: Request, listener: Listener = SILENT) -> Outcome:
     """The camera, reviewed. Raises: InputError; RefusedError with the result that failed its checks."""
+    from calibrant.data.renamed import check_camera_name, with_camera_name
     from calibrant.data.verdicts import refuse_if_failed
 
+    check_camera_name(request.name)
     source = _source(request, listener)
     limit = pixels(request.max_error, option="--max-error")
+    mark = pixels(request.mark_outliers, option="--mark-outliers")
+    if mark is not None and request.target_shape != "flat":
+        raise InputError("--mark-outliers takes the board as it is given: leave --target-shape out")
     files = source.files()
-    found = source.read(files)
+    found = _unmarked(source.read(files), request)
     session.load_solver(listener)
     with listener.status("Calibrating …"):
         result = _calibrated(found, request, limit)
     more = source.look_again(found, result.camera)
     if more is not found:
         with listener.status("Calibrating …"):
-            result = _calibrated(more, request, limit)
+            result = _calibrated(_unmarked(more, request), request, limit)
+    if mark is not None:
+        result = with_marks(result, mark)
     if request.search.mirror_x:
         result = replace(result, options={**result.options, "mirror_x": True})
     result = replace(result, inputs=session.file_records(_inputs(request, source, files)))
-    result = session.with_misses(result)
+    result = with_camera_name(session.with_misses(result), request.name)
     refuse_if_failed(result)
     return Outcome(result=result, documents=_asked_for(result, request), beside=_beside(result, request))
+
+
+def _unmarked(found: Observations, request: Request) -> Observations:
+    """What was found, without the points that an earlier run has marked."""
+    return found if request.without_marked is None else without_marked(found, request.without_marked)
 
 
 def _source(request: Request, listener: Listener) -> Source:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.tasks.inputs import session
+from calibrant.tasks.inputs.picture_names import picture_names
 from calibrant.tasks.inputs.sources import Source
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.images import PhotoOptions, PointsOptions, SearchOptions
@@ -121,7 +122,7 @@ def _pictures(found: Observations, overlay: Path | None, inputs: list[Path]) -> 
         raise InputError(f"--overlay {overlay} is a file; {len(found.views)} photos need a folder")
     if not overlay.parent.is_dir():
         raise InputError(f"--overlay {overlay}: there is no folder {overlay.parent}; make it first")
-    files = {v.id: overlay / (v.id.replace("/", "_") + ".png") for v in found.views}
+    files = {name: overlay / picture for name, picture in picture_names(v.id for v in found.views).items()}
     check_spared(files.values(), inputs)
     return files
 

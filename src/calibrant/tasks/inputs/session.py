@@ -18,8 +18,10 @@ if TYPE_CHECKING:
     from calibrant.data import CalibrationResult, Observations
     from calibrant.detection.subpixel.refinement import Refinement
 
-_LOADING = "Loading the solver (the first run compiles it, which takes up to half a minute) …"
-_FIRST_RUN = "Compiling for this machine: the first run takes up to half a minute longer than later ones …"
+_LOADING = "Loading the solver (the first run compiles it: half a minute, two on a busy machine) …"
+_FIRST_RUN = (
+    "Compiling for this machine: the first run takes half a minute longer than later ones, two on a busy machine …"
+)
 POSE_SOLVER = ("calibrant.optimize.linear_kernels", "calibrant.optimize.pose_kernels")
 """Modules of the kernels for poses alone."""
 SOLVER = (

@@ -18,7 +18,7 @@ class LensOptions:
     kannala_brandt, unified, extended_unified, double_sphere, orthographic, splined (or splined:16x12:120deg), or auto:
     chosen by held-out photos."""
     fix: Annotated[tuple[str, ...], Option("NAMES", names=True)] = ()
-    """Hold these: fx fy cx cy k1 k2 k3 p1 p2, aspect, tangential, focal, principal."""
+    """Hold these: fx fy cx cy k1 k2 k3 p1 p2, aspect, radial, tangential, focal, principal."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -65,7 +65,7 @@ class CornerOptions:
     window: Annotated[str | None, Option("PERCENT")] = None
     """Half width of the window around a corner, of the distance to the next one: 40%."""
     zero_zone: Annotated[str | None, Option("PX")] = None
-    """Leave out the pixels around a corner up to this far, e.g. 1px."""
+    """Leave out the pixels around a corner up to this far: 1px, or along x and y, 1px,2px; none: leave out none."""
 
     def refinement(self) -> Refinement | None:
         """How corners are measured, None as usual. Raises: InputError for an unknown method, a bare number, or values
@@ -74,8 +74,21 @@ class CornerOptions:
             return None  # detection is loaded for photos alone
         from calibrant.detection.subpixel.refinement import Refinement
 
-        zone = pixels(self.zero_zone, option="--zero-zone")
-        return Refinement(self.refine.strip().lower(), _part(self.window), zone or 0.0)
+        return Refinement(self.refine.strip().lower(), _part(self.window), _zone(self.zero_zone))
+
+
+_NO_ZONE = ("none", "0", "0px", "-1", "-1px")
+
+
+def _zone(text: str | None) -> float | tuple[float, float]:
+    """Half widths of the zone left out: none for 0 and, as OpenCV has it, for -1."""
+    parts = [part.strip() for part in (text or "none").split(",")]
+    halves = [0.0 if part in _NO_ZONE else pixels(part, option="--zero-zone") or 0.0 for part in parts]
+    if len(halves) > 2:
+        raise InputError(
+            f"--zero-zone takes one length for both axes or two, along x and y, such as 1px,2px; got {text!r}"
+        )
+    return (halves[0], halves[1]) if len(halves) > 1 else halves[0]
 
 
 def _part(window: str | None) -> float | None:

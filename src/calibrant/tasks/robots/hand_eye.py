@@ -60,6 +60,8 @@ class Request:
     """With --robot and joint values: find the robot's own errors too: offsets, gear, coupling, geometry."""
     method: Annotated[str, Option("NAME")] = "joint"
     """joint (weighs pixels and robot, states its uncertainty), or a closed form: tsai, park, horaud, …"""
+    name: Annotated[str, Option("NAME")] = "camera"
+    """What the camera is called: its key under `cameras` and its frame in the result; of several, --images NAME=…."""
     volume: WorkspaceOptions = WorkspaceOptions()
     lens: LensOptions = LensOptions()
     search: SearchOptions = SearchOptions()
@@ -78,6 +80,7 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     that far.
     """
     from calibrant.data import verdict_of
+    from calibrant.data.renamed import with_camera_name
     from calibrant.data.verdicts import refuse_if_failed
 
     names, common = _names(request), _common(request, listener)
@@ -95,7 +98,7 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
         decided={**_setups(result), **result.decided, **_notations(lists, names)},
         inputs=session.file_records(f for p in lists for f in p.files),
     )
-    reviewed = request.volume.applied(session.with_misses(done))
+    reviewed = request.volume.applied(with_camera_name(session.with_misses(done), request.name))
     refuse_if_failed(reviewed)
     return Outcome(result=reviewed)
 
@@ -129,7 +132,12 @@ def _common(request: Request, listener: Listener) -> ListRequest:
 def _check_options(request: Request, names: Names) -> None:
     """Options that do not go together. Raises: InputError."""
     from calibrant.calibrate.solvers.registry import JOINT, require_method
+    from calibrant.data.renamed import check_camera_name
 
+    if check_camera_name(request.name) != ONLY_CAMERA and next(iter(names.images))[0] != ONLY_CAMERA:
+        raise InputError(f"--name {request.name}: the photos have names already, by --images NAME=…")
+    if request.name != ONLY_CAMERA and request.measured.target_poses:
+        raise InputError(f"--name {request.name} names the camera of photos or points; target poses have none")
     request.volume.check()
     closed_form = require_method(request.method) != JOINT
     if closed_form and request.volume.workspace is not None:

@@ -140,7 +140,12 @@ def require_sound(diagnosis: Diagnosis) -> None:
     words = "; ".join(f"{f.name}: {f.check.message}" for f in failed)
     if all(f.proposal for f in failed):
         words += "; calibrant doctor with the same arguments and --apply calibrates from repaired data"
-    raise RefusedError(words)
+    from calibrant.data.verdicts import stamp
+    from calibrant.diagnose.doctor.diagnosis import as_result
+
+    error = RefusedError(words)
+    error.result = stamp(as_result(diagnosis))
+    raise error
 
 
 def _read_one(names: Names, common: ListRequest, camera: str, robot: str, *, joined: bool) -> ReadList:

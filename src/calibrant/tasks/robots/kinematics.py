@@ -208,7 +208,10 @@ def _corrected_targets(calibration: KinematicCalibration, commands: Path, arm: R
 
     chain = calibration.nominal.chain
     table, _ = read_table(commands)
-    q, _ = joint_values(table, joints_of_robot(table.header, chain), chain, angle=arm.joint_angle)
+    try:
+        q, _ = joint_values(table, joints_of_robot(table.header, chain), chain, angle=arm.joint_angle)
+    except InputError as error:
+        raise InputError(f"{commands}: {error}" if str(commands) not in str(error) else str(error)) from error
     done = compensate_joints(calibration.model, calibration.nominal, q)
     names = names_of(table) or tuple(str(i) for i in range(len(q)))
     header = ",".join(

@@ -87,7 +87,8 @@ def _standing(known: CalibrationResult, path: Path) -> tuple[Camera, TransformEs
 
     from calibrant.diagnose.budget.cell import error_budget
 
-    place = next((t for t in known.transforms if (t.parent, t.child) == ("base", "camera")), None)
+    name = next(iter(known.cameras), "camera")
+    place = next((t for t in known.transforms if (t.parent, t.child) == ("base", name)), None)
     if place is None or len(known.cameras) != 1:
         there = ", ".join(f"{t.parent} -> {t.child}" for t in known.transforms) or "no transform"
         raise InputError(

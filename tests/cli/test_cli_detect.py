@@ -70,7 +70,7 @@ def test_a_result_is_shown_again(calibrant, found: Path, tmp_path: Path) -> None
     assert calibrant("report", found, "-q").status == 0
 
 
-@pytest.mark.parametrize(("content", "words"), [("{}", "format"), ("no json", "not JSON"), (None, "cannot read")])
+@pytest.mark.parametrize(("content", "words"), [("{}", "format"), ("no json", "not JSON"), (None, "does not exist")])
 def test_what_is_no_result(calibrant, tmp_path: Path, content: str | None, words: str) -> None:
     path = tmp_path / "result.json"
     if content is not None:

@@ -59,8 +59,8 @@ def test_next_pose_after_a_result(result: Path, capsys: pytest.CaptureFixture[st
         (["--in-view", "0%"], "above 0%"),
         (["--camera-at", "1mm,2mm"], "in the result already"),
         (["--workspace", "0mm:1mm,0mm:1mm,0mm:1mm"], "on the gripper"),
-        (["--geometry", "nothing.yaml"], "cannot read nothing.yaml"),
-        (["--result", "nothing.json"], "cannot read nothing.json"),
+        (["--geometry", "nothing.yaml"], "nothing.yaml does not exist"),
+        (["--result", "nothing.json"], "nothing.json does not exist"),
     ],
 )
 def test_bad_arguments_are_named(

@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibrant.arrays import Array
+from calibrant.calibrate.pose.shared_errors import with_shared_errors
 from calibrant.calibrate.pose.target_poses import TargetPoses, target_poses
 from calibrant.calibrate.reprojection.factor import stack
 from calibrant.calibrate.reprojection.outliers import CAUCHY_SCALE_SIGMAS, Marked, mark
@@ -46,7 +47,8 @@ class PoseSolution:
     """One pose that fits a view: T_camera_target (4, 4), metres, and how likely it is against the other, 0 to 1.
 
     covariance (6, 6) of `se3.retract`, radians and metres; of_camera (6, 6) the camera's share of it, None where the
-    camera's uncertainty is not known; rms_px per point over both axes.
+    camera's uncertainty is not known; rms_px per point over both axes; times: how much wider sigma is for errors that
+    neighbouring points share.
     """
 
     T_camera_target: Array
@@ -54,6 +56,7 @@ class PoseSolution:
     of_camera: Array | None
     rms_px: float
     probability: float
+    times: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,8 +215,10 @@ def _solution(camera: Camera, view: View, T: Array, sigma: Array) -> _Fitted:
         D = -of_noise @ np.sum(np.swapaxes(J, -1, -2) @ (weight * J_camera), axis=0)
         of_camera = D @ camera.covariance @ D.T
     squares = np.sum((uv - view.uv) ** 2, axis=1)
-    total = of_noise if of_camera is None else of_noise + of_camera
-    pose = PoseSolution(T, total, of_camera, float(np.sqrt(squares.mean())), 1.0)
+    shared = with_shared_errors(of_noise, J / sigma[:, None, None], (uv - view.uv) / sigma[:, None], view.points)
+    total = shared if of_camera is None else shared + of_camera
+    times = float(np.sqrt(np.mean(np.diag(shared) / np.diag(of_noise))))
+    pose = PoseSolution(T, total, of_camera, float(np.sqrt(squares.mean())), 1.0, times)
     return _Fitted(pose, of_noise, float(np.sum(squares / sigma**2)))
 
 

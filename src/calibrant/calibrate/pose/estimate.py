@@ -25,6 +25,8 @@ from calibrant.errors import InputError
 
 CONFIDENCE = 0.99
 SECOND = " (second solution)"
+SAID = 1.5
+"""How much wider sigma is for shared errors before it is said: by chance a view of many has 1.3."""
 FEW_SPARE = 8
 """Spare values below which an estimated noise is itself unknown by more than a quarter: 1 / sqrt(2 nu)."""
 SUSPICIOUS_RMS_PX = 2.0
@@ -144,6 +146,9 @@ def _pose_fit_check(poses: Poses) -> Check:
 
 def _pose_noise_check(poses: Poses) -> Check:
     text = f"noise of a point {poses.sigma_px:.2g} px per axis"
+    times = max(p.best.times for p in poses.views)
+    if times > SAID:
+        text += f" (neighbouring points err alike: sigma holds it, {times:.1f} times that of independent points)"
     if not poses.estimated:
         return Check("noise", "ok", f"{text}, as given", poses.sigma_px)
     stated = any(p.view.sigma_px is not None for p in poses.views)

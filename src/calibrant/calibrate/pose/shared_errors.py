@@ -1,0 +1,41 @@
+"""What neighbouring points of one view share, and what it does to the pose's sigma.
+
+One view has no other views to be compared with: its clusters are patches of the target (`optimize.clusters` has the
+equations). What moves the whole target alike, or linearly, the pose takes up, and no view by itself can tell it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calibrant.arrays import Array, Indices
+from calibrant.optimize.clusters import cluster_scores, clustered_covariance, square_root
+
+PATCHES = 3
+"""Patches along each axis of the target: nine have the degrees of freedom for six unknowns, and points each."""
+LEAST_POINTS = 2 * PATCHES**2
+"""With fewer than two points a patch there is nothing that they could share."""
+
+
+def with_shared_errors(of_noise: Array, J: Array, residuals: Array, points: Array) -> Array:
+    """The covariance (6, 6) of a pose with what the points of a patch share.
+
+    Args: of_noise (6, 6), of independent points; J (n, 2, 6) and residuals (n, 2), over the points' sigma; points
+    (n, 3), target frame.
+    """
+    if len(points) < LEAST_POINTS:
+        return of_noise
+    root, inverse = square_root(of_noise)
+    rows = np.ascontiguousarray(J @ (inverse @ of_noise).T)
+    clusters = cluster_scores(rows, np.ascontiguousarray(residuals), _patches(points), root=root)
+    return clustered_covariance(of_noise, [clusters])
+
+
+def _patches(points: Array) -> Indices:
+    """The patch (n,) of each point along the target's two longest axes, counted from 0 without gaps."""
+    centred = points - points.mean(axis=0)
+    along = centred @ np.linalg.svd(centred, full_matrices=False)[2][:2].T
+    low, high = along.min(axis=0), along.max(axis=0)
+    share = (along - low) / np.maximum(high - low, np.finfo(np.float64).tiny)
+    place = np.minimum((share * PATCHES).astype(np.int64), PATCHES - 1)
+    return np.unique(place @ np.array([PATCHES, 1]), return_inverse=True)[1].astype(np.int64)

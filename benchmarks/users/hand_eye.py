@@ -48,6 +48,7 @@ class Condition:
 def of_the_image() -> list[Condition]:
     C = Condition
     exact, coarse = replace(USUAL, mm=(0.002,) * 2, deg=(0.0005,) * 2), replace(USUAL, mm=(2.0,) * 2, deg=(0.3,) * 2)
+    everyday = (s.seen(f.dots_off(0.03)), s.seen(f.bent(0.15)), s.seen(f.shared_noise(0.5, 0.5)))
     alike = (s.seen(f.shared_noise(2.0, 1.5)),)
     return [
         C("clean", "as the model says, white noise, lens from the same photos", clean=True),
@@ -55,6 +56,8 @@ def of_the_image() -> list[Condition]:
         C("clean-beside", "camera beside the arm", draw=BESIDE, clean=True),
         C("clean-pairs", "target poses instead of photos", (s.measured_pairs(0.1, 0.02),), clean=True),
         C("clean-track", "a camera's track, no drift", (s.track(0.1, 0.02, drift=0.0),), clean=True),
+        C("clean-pivot", "motions about one point, target poses", (s.pivoting,), clean=True),
+        C("everyday", "dots 0.03 mm, bent 0.15 mm, noise a little alike", everyday, known=True),
         C("robot-exact", "robot noise 0.002 mm, 0.0005 deg", draw=exact, clean=True),
         C("robot-coarse", "robot noise 2 mm, 0.3 deg", draw=coarse, clean=True),
         C("few", "4 to 6 poses", draw=replace(USUAL, photos=replace(USUAL.photos, views=(4, 6))), clean=True),
@@ -119,6 +122,7 @@ def of_the_arm() -> list[Condition]:
 def of_the_poses() -> list[Condition]:
     C = Condition
     quiet, beside = replace(USUAL, **REPEATS), replace(BESIDE, **REPEATS)
+    links = s.arm(robot.links(0.5, 0.05), average=True)
     mixed = (s.arm(robot.links(0.1, 0.04), average=True), s.seen(f.bent(0.3)), s.seen(f.shared_noise(1.0, 1.0)))
     return [
         C("links-and-noise", "links 0.1 mm, noise shared, board bent 0.3 mm", mixed, quiet),
@@ -129,6 +133,9 @@ def of_the_poses() -> list[Condition]:
         C("late-30-beside", "the same, camera beside", (s.late(0.03),), beside),
         C("nudged", "board pushed by 2 mm half way", (s.nudged(2.0),)),
         C("nudged-beside", "camera beside pushed by 2 mm half way", (s.nudged(2.0),), BESIDE),
+        C("misnumbered", "one view numbered from the next column", (s.seen(f.misnumbered),)),
+        C("pairs-links-0.5", "links 0.5 mm, target poses", (links, s.measured_pairs(0.1, 0.02)), quiet),
+        C("pairs-wrong-30", "30 % of the poses wrong, target poses", (s.wrong_poses(0.3), s.measured_pairs(0.1, 0.02))),
         C("wrong-5", "5 % of the poses wrong", (s.wrong_poses(0.05),)),
         C("wrong-10", "10 % of the poses wrong", (s.wrong_poses(0.10),)),
         C("wrong-30", "30 % of the poses wrong", (s.wrong_poses(0.30),)),

@@ -32,6 +32,17 @@ def dots_off(mm: float):
     return edit
 
 
+def one_dot_off(mm: float):
+    """One dot or corner is printed (or found, in its surroundings) somewhere else in all views."""
+
+    def edit(photos: Photos) -> None:
+        off, angle = np.zeros_like(photos.told), photos.rng.uniform(0, 2 * np.pi)
+        off[photos.rng.integers(len(off))] = 1e-3 * mm * np.array([np.cos(angle), np.sin(angle), 0])
+        photos.real = photos.real + off
+
+    return edit
+
+
 def taller(share: float):
     """Squares that are rectangles: the board is longer along y than said."""
 
@@ -103,14 +114,11 @@ def shared_noise(shift: float, affine: float):
     """Points of a view err alike: by a shift, and a linear map that moves the board's edges, in sigmas, beside the
     white noise."""
 
-    def noise(photos: Photos) -> Array:
-        v, shape, rng = len(photos), photos.shape(), photos.rng
-        white = rng.standard_normal((v, len(shape), 2))
-        linear = np.einsum("vij,nj->vni", rng.standard_normal((v, 2, 2)), shape)
-        return photos.sigma * (white + shift * rng.standard_normal((v, 1, 2)) + affine * linear)
-
     def edit(photos: Photos) -> None:
-        photos.noise = noise
+        v, shape, rng = len(photos), photos.shape(), photos.rng
+        linear = np.einsum("vij,nj->vni", rng.standard_normal((v, 2, 2)), shape)
+        alike = photos.sigma * (shift * rng.standard_normal((v, 1, 2)) + affine * linear)
+        photos.after.append(lambda uv: uv + alike)
 
     return edit
 
@@ -118,14 +126,12 @@ def shared_noise(shift: float, affine: float):
 def smooth_noise(level: float):
     """Points of a view err alike by a smooth wave over the board (lighting, a detector's bias), in sigmas."""
 
-    def noise(photos: Photos) -> Array:
+    def edit(photos: Photos) -> None:
         v, shape, rng = len(photos), photos.shape(), photos.rng
         wave = rng.normal(0, 2.0, (v, 2, 2))
         phase = np.einsum("vij,nj->vni", wave, shape) + rng.uniform(0, 2 * np.pi, (v, 1, 2))
-        return photos.sigma * (rng.standard_normal((v, len(shape), 2)) + level * np.sqrt(2) * np.sin(phase))
-
-    def edit(photos: Photos) -> None:
-        photos.noise = noise
+        alike = photos.sigma * level * np.sqrt(2) * np.sin(phase)
+        photos.after.append(lambda uv: uv + alike)
 
     return edit
 
@@ -180,6 +186,14 @@ def half_hidden(photos: Photos) -> None:
     angle = photos.rng.uniform(0, 2 * np.pi, v)
     along = np.stack([np.cos(angle), np.sin(angle)], 1) @ shape.T
     photos.keep = along > photos.rng.uniform(-1.2, -0.2, (v, 1))
+
+
+def misnumbered(photos: Photos) -> None:
+    """One view is numbered from the next column on, as a covered ChArUco board may be: no lens knows, a robot does."""
+    square = np.diff(np.unique(photos.told[:, 0].round(9)))[0]
+    k = len(photos) // 2
+    photos.T = photos.T.copy()
+    photos.T[k, :3, 3] += photos.T[k, :3, 0] * square
 
 
 # Lenses that are not one lens

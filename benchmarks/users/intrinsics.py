@@ -37,6 +37,8 @@ class Condition:
 def conditions() -> list[Condition]:
     """Conditions by name, "intrinsics/…"."""
     rolled, never = replace(USUAL, roll=180.0), replace(USUAL, roll=3.0)
+    alike = (f.shared_noise(2.0, 1.5),)
+    everyday = (f.dots_off(0.03), f.bent(0.15), f.shared_noise(0.5, 0.5), f.smooth_noise(0.5), f.outliers(0.003))
     C = Condition
     table = [
         C("clean", "as the model says, white noise", clean=True),
@@ -47,12 +49,17 @@ def conditions() -> list[Condition]:
         C("clean-never-rolled", "clean, the board upright within 3 deg", (), never, clean=True),
         C("clean-flat", "clean, the board tilted by 10 deg at most", (), replace(USUAL, tilt=(1.0, 10.0)), clean=True),
         C("blur-unequal", "views of other sharpness, 0.33 to 3 times", (f.unequal_blur,), known=True),
+        C("everyday", "dots 0.03 mm, bent 0.15 mm, noise a little alike, 0.3 % outliers", everyday, known=True),
         C("heavy-tails", "Student's t of 3", (f.heavy_tails,), known=True),
         C("motion-blur", "noise up to 6 times along one direction a view", (f.motion_blur(6.0),), known=True),
         C("outliers", "2 % of points 3 to 20 px off", (f.outliers(0.02),)),
-        C("shared-noise", "points of a view err alike (2 sigma, 1.5 sigma)", (f.shared_noise(2.0, 1.5),), known=True),
+        C("shared-noise", "points of a view err alike (2 sigma, 1.5 sigma)", alike, known=True),
+        C("shared-noise-few", "the same, 6 to 8 views", alike, replace(USUAL, views=(6, 8)), known=True),
+        C("shared-noise-many", "the same, 60 to 80 views", alike, replace(USUAL, views=(60, 80)), known=True),
+        C("shared-noise-parts", "the same, parts of the board", (f.half_hidden, *alike), known=True),
         C("smooth-noise", "a wave over the board, 1 sigma, a view", (f.smooth_noise(1.0),), known=True),
         C("dots-off", "dots printed 0.2 mm off", (f.dots_off(0.2),), known=True),
+        C("dot-one-off", "one dot 1 mm off in all views", (f.one_dot_off(1.0),)),
         C("dots-off-little", "dots printed 0.05 mm off", (f.dots_off(0.05),), known=True),
         C("wobbling", "paper bent anew in each view, 0.5 mm", (f.wobbling(0.5),), known=True),
         C("board-scale", "board 4 % smaller than said", (f.larger_board(0.04),), known=True),

@@ -8,7 +8,7 @@ import numpy as np
 
 from users.cell import IN_HAND, Session, misled, seen_from
 from users.photos import Photos
-from users.rigid import back, moved
+from users.rigid import back, moved, rigid, turn
 from users.robot import Fault
 
 Edit = Callable[[Session], None]
@@ -59,6 +59,17 @@ def late(seconds: float, *, speed: float = 0.1, turning: float = 10.0) -> Edit:
         session.reported = moved(session.reported, -gone)
 
     return change
+
+
+def pivoting(session: Session) -> None:
+    """All motions turn about one point, as a spherical wrist's or a ball joint's do; target poses instead of photos."""
+    v, rng = len(session), session.rng
+    at = session.true[0, :3, 3] + rng.uniform(-0.1, 0.1, 3)
+    T = rigid(turn(rng.uniform(-0.6, 0.6, (v, 3))), np.zeros(3))
+    about = rigid(np.eye(3), at)
+    session.stand(about @ T @ back(about) @ session.true[0])
+    session.reported = session.noisy(session.true)
+    measured_pairs(0.1, 0.02)(session)
 
 
 def wrong_poses(share: float) -> Edit:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,6 +35,10 @@ if TYPE_CHECKING:
     from calibrant.diagnose.look import CameraCoverage
 
 
+_LISTED = 4
+"""Views that a sentence names."""
+
+
 @dataclass(frozen=True)
 class Sections:
     """The blocks of a result's page, and the data of its scripts."""
@@ -63,6 +67,7 @@ def sections(look: Look, *, images: Mapping[str, Path]) -> Sections:
     pages = page_views(result, look.residuals, look.loop, images=images)
     world = scene(look)
     rows = view_rows(result)
+    out = {(row.camera, row.id) for row in rows if not row.used}
     checks = Block("checks", {"checks": sorted_checks(result)}) if result.checks else None
     # The answer first; of a result that is refused, why.
     answered = (_figures(result), checks)
@@ -71,7 +76,7 @@ def sections(look: Look, *, images: Mapping[str, Path]) -> Sections:
         *(table.block for table in kind.tables(result)),
         Block("workspace", {"workspaces": workspace_blocks(look)}) if look.workspaces else None,
         Block("methods", {"methods": method_rows(result)}) if result.methods else None,
-        None if world is None else Block("scene", {"loop_sentence": _loop_sentence(look.loop)}),
+        None if world is None else Block("scene", {"loop_sentence": _loop_sentence(look.loop, out)}),
         Block("views", {"rows": rows, "rows_name": kind.rows, "result": result}) if pages.views else None,
         Block("residuals", {"picture_remark": pages.remark}) if any(view["uv"] for view in pages.views) else None,
         _coverage(look),
@@ -176,21 +181,30 @@ def _option_text(value: object) -> str:
     return "none" if value is None else str(value)
 
 
-def _loop_sentence(loop: tuple[LoopView, ...]) -> str:
+def _loop_sentence(loop: tuple[LoopView, ...], out: Set[tuple[str, str]]) -> str:
+    """How the loop closes over the views used; those left out, by camera and view, are told apart."""
     several = len({v.camera for v in loop}) > 1
-    steps = [
-        (v.mm, v.deg, f"{v.camera} {v.view}" if several else v.view)
+    every = [
+        (v.mm, v.deg, f"{v.camera} {v.view}" if several else v.view, (v.camera, v.view) in out)
         for v in loop
         if v.mm is not None and v.deg is not None
     ]
+    steps = [step for step in every if not step[3]]
     if not steps:
         return ""
+    apart = [f"{name} ({plain(mm, digits=2)} mm)" for mm, _, name, left in every if left]
+    beside = (
+        f" Left out, and drawn too: {', '.join(apart[:_LISTED])}{' …' if len(apart) > _LISTED else ''}."
+        if apart
+        else ""
+    )
     mm = math.sqrt(sum(s[0] ** 2 for s in steps) / len(steps))
     deg = math.sqrt(sum(s[1] ** 2 for s in steps) / len(steps))
     worst = max(steps)
     return (
         f"The target by the camera and by the robot lie {plain(mm, digits=2)} mm and {plain(deg, digits=2)} deg apart "
-        f"(RMS of {len(steps)} views, at the target's centre); most at {worst[2]}: {plain(worst[0], digits=2)} mm."
+        f"(RMS of {len(steps)} views used, at the target's centre); most at {worst[2]}: {plain(worst[0], digits=2)} mm."
+        f"{beside}"
     )
 
 

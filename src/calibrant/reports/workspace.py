@@ -32,12 +32,14 @@ class Tile:
 
 @dataclass(frozen=True)
 class Layer:
-    """The places at one height: seen from above, base x to the right and base y upwards."""
+    """The places at one height: seen from above, base x to the right and base y upwards; the ends of both axes, mm."""
 
     title: str
     tiles: tuple[Tile, ...]
     width: float
     height: float
+    x_ends: tuple[str, str]
+    y_ends: tuple[str, str]
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,7 @@ def _block(result: CalibrationResult, camera_name: str, found: WorkspaceUncertai
         "layers": [_layer(found, k, low, high) for k in _heights(found)],
         "low": plain(low, digits=2),
         "high": plain(high, digits=2),
+        "darkest": plain(low + _span(low, high), digits=2),
         "unseen": not bool(found.visible.all()),
         "shares": _shares(found.worst),
         "notes": found.notes,
@@ -108,8 +111,7 @@ def _layer(found: WorkspaceUncertainty, k: int, low: float, high: float) -> Laye
     dx, dy = _step(points[:, 0, 0]), _step(points[0, :, 1])
     unit = max(nx * dx, ny * dy)
     w, h = 100 * dx / unit, 100 * dy / unit
-    # Differences of a few per cent are not to look like those between good and bad.
-    span = max(high - low, 0.5 * high, 1e-12)
+    span = _span(low, high)
     tiles = tuple(
         Tile(
             i * w,
@@ -123,7 +125,18 @@ def _layer(found: WorkspaceUncertainty, k: int, low: float, high: float) -> Laye
         for i in range(nx)
         for j in range(ny)
     )
-    return Layer(f"z = {1e3 * points[0, 0, 2]:.0f} mm", tiles, nx * w, ny * h)
+    x_ends, y_ends = _ends(points[:, 0, 0]), _ends(points[0, :, 1])
+    return Layer(f"z = {1e3 * points[0, 0, 2]:.0f} mm", tiles, nx * w, ny * h, x_ends, y_ends)
+
+
+def _ends(axis: np.ndarray) -> tuple[str, str]:
+    return f"{1e3 * axis[0]:.0f}", f"{1e3 * axis[-1]:.0f}"
+
+
+def _span(low: float, high: float) -> float:
+    """From the lightest tile to the darkest, mm: differences of a few per cent are not to look like those between good
+    and bad."""
+    return max(high - low, 0.5 * high, 1e-12)
 
 
 def _step(axis: np.ndarray) -> float:

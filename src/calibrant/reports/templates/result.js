@@ -84,7 +84,9 @@ const report = (() => {
     add(pattern, "rect", { width: 2, height: 5, fill: report.colour("soft") });
   }
   function paint() {
-    const [key, unit] = metric, box = { left: 68, right: 10, top: 10, bottom: 26, height: 230 };
+    /* The line of all views has its words beside the bars, never over one. */
+    const [key, unit] = metric, beside = key === "rms" && data.rms !== null;
+    const box = { left: 68, right: beside ? 96 : 10, top: 10, bottom: 26, height: 230 };
     const count = data.views.length, available = root.clientWidth || 600;
     const width = Math.max(available, box.left + box.right + 5 * count), span = width - box.left - box.right;
     const most = Math.max(...data.views.map((v) => v[key] ?? 0), key === "rms" ? data.rms ?? 0 : 0) || 1;
@@ -111,9 +113,9 @@ const report = (() => {
       else add(svg, "text", { x, y: y(0) - 4, "text-anchor": "middle", ...font }, "×");
       if (i % every === 0) add(svg, "text", { x, y: box.height - 8, "text-anchor": "middle", ...font, fill: i === state.view ? report.colour("ink") : soft }, report.nameOf(view));
     });
-    if (key === "rms" && data.rms !== null) {
+    if (beside) {
       add(svg, "line", { x1: box.left, x2: width - box.right, y1: y(data.rms), y2: y(data.rms), stroke: report.colour("ink"), "stroke-dasharray": "5 4" });
-      add(svg, "text", { x: width - box.right, y: y(data.rms) - 5, "text-anchor": "end", ...font, fill: report.colour("ink") }, `all ${round(data.rms)} px`);
+      add(svg, "text", { x: width - box.right + 6, y: y(data.rms) + 4, ...font, fill: report.colour("ink") }, `all ${round(data.rms)} px`);
     }
     svg.dataset.left = box.left;
     svg.dataset.pitch = pitch;

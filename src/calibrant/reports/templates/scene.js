@@ -32,6 +32,12 @@
   const centre = low.map((value, k) => (value + high[k]) / 2);
   const radius = Math.max(0.05, ...everyPoint.map((p) => Math.hypot(...add(p, centre, -1))));
   const axis = 0.09 * radius, depth = 0.14 * radius;
+  /* What a named view keeps in sight: the points, and the axes, frustums and words that stand at them. */
+  const tips = (T, length) => [[length, 0, 0], [0, length, 0], [0, 0, length]].map((p) => apply(T, p));
+  const framed = [...everyPoint,
+    ...world.frames.filter((f) => f.view === null).flatMap((f) => [...tips(f.T, 2 * axis), add(origin(f.T), up, -0.5 * axis)]),
+    ...world.cameras.flatMap((c) => [...c.rays.map((ray) => apply(c.T, ray.map((x) => x * (c.view === null ? depth : 0.6 * depth)))),
+      ...(c.view === null ? [...tips(c.T, 1.6 * axis), add(origin(c.T), up, 2 * axis)] : [])])];
 
   const views = { start: handEye ? [-0.9, 0.42] : [-2.2, 0.3], top: [-Math.PI / 2, 1.55], front: [-Math.PI / 2, 0], side: [0, 0] };
   const eye = { azimuth: 0, elevation: 0, distance: 0, at: centre };
@@ -69,7 +75,7 @@
   /* Whether every point is inside the frame with a margin, and how far their middle is from the frame's, px. */
   function extent() {
     look();
-    const at = everyPoint.map(project);
+    const at = framed.map(project);
     if (at.some((p) => p === null)) return { inside: false, dx: 0, dy: 0 };
     const [left, right, top, bottom] = [[0, Math.min], [0, Math.max], [1, Math.min], [1, Math.max]].map(([k, pick]) => pick(...at.map((p) => p[k])));
     const dx = (left + right - size.width) / 2, dy = (top + bottom - size.height) / 2;

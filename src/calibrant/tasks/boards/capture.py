@@ -24,6 +24,9 @@ EXAMPLE = 'cb.capture(camera="0", target="chessboard:9x6:25mm", until="0.5px", t
 LEAST_VIEWS = 6
 """Views before the first calibration: with fewer, sigma says little."""
 
+MOST_FOR_CORNERS = 20
+"""Views after which points in every corner are no longer waited for: a large board may not get there."""
+
 LEAST_SOLVABLE = 3
 """Views of a plane that determine a camera."""
 ADVICE = {
@@ -53,7 +56,7 @@ class Request:
     to: Annotated[Path | None, Option("DIR", output="folder")] = None
     """Keep the pictures taken in this new folder."""
     until: Annotated[str, Option("SIGMA")] = "1px"
-    """Stop when fx, fy, cx and cy are known to this (1 sigma)."""
+    """Stop when fx, fy, cx and cy are known to this (1 sigma), and no check asks for more views."""
     model: Annotated[str, Option("NAME")] = "brown"
     """Camera model, as of intrinsics."""
 
@@ -87,8 +90,9 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
         for state in _looked(frames_from(request.camera), start, taken, request):
             taken.result = _so_far(taken, request)
             worst = None if taken.result is None else _worst_sigma_px(taken.result)
-            listener.note(_line(taken.views[-1].id, len(taken.views), state, worst))
-            if worst is not None and worst <= goal_px:
+            wanting = "" if taken.result is None else _wanting(taken.result)
+            listener.note(_line(taken.views[-1].id, len(taken.views), state, worst, wanting))
+            if worst is not None and worst <= goal_px and not wanting:
                 break
     except KeyboardInterrupt:  # a camera has no end of its own: this is how a person says that it is enough
         listener.note("Stopped; calibrating from the views taken so far.")
@@ -187,14 +191,24 @@ def _calibrated(observations: Observations, model: str) -> CalibrationResult | N
         return None
 
 
+def _wanting(result: CalibrationResult) -> str:
+    """What a check of the result asks for that more views give: taking ends when nothing does."""
+    asked = [c for c in result.checks if c.status != "ok" and c.name in ("views", "corner-coverage")]
+    if len(result.views) >= MOST_FOR_CORNERS:
+        asked = [c for c in asked if c.name == "views"]
+    return "; ".join(c.message for c in asked)
+
+
 def _worst_sigma_px(result: CalibrationResult) -> float:
     """The largest sigma of focal lengths and principal point, px."""
     sigma = result.camera.sigma
     return max(sigma.get(name, 0.0) for name in ("fx", "fy", "cx", "cy"))
 
 
-def _line(name: str, count: int, state: Session, worst: float | None) -> str:
+def _line(name: str, count: int, state: Session, worst: float | None, wanting: str) -> str:
     covered = "  ".join(f"{key} {100 * part:3.0f} %" for key, part in state.coverage().items())
     known = "" if worst is None else f"  camera known to {worst:.2f} px"
     missing = state.missing()
-    return f"{count:3d}  {name:14s} {covered}{known}{'' if missing is None else f'; next: {missing}'}"
+    # What the session misses is said first; when it misses nothing, what the calibration's checks ask for.
+    asked = missing or wanting
+    return f"{count:3d}  {name:14s} {covered}{known}{f'; next: {asked}' if asked else ''}"

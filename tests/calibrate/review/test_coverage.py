@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from calibrant.calibrate.review.corners import corner_sigmas
 from calibrant.calibrate.review.coverage import (
     board_spread,
     camera_coverage,
@@ -147,3 +150,50 @@ def test_a_result_without_observations_has_no_coverage() -> None:
     bare = CalibrationResult("intrinsics", "ok")
     assert camera_coverage(bare) == ()
     assert with_coverage_checks(bare).verdict == "ok"
+
+
+def test_a_corner_that_the_other_views_determine_needs_no_view() -> None:
+    """The lower left is empty: a sigma below 1 % of the focal length is said, one above warns, no ray there is none."""
+    coverage = image_coverage([_grid(0, 0, 1199, 700), _grid(300, 500, 1199, 899)], image_size=SIZE)
+    known = coverage_checks(coverage, {"lower left": 0.004})[1]
+    assert (known.status, known.value) == ("ok", 3)
+    assert "no points in the lower left corner; the lens is known there to 0.4 % of the focal length" in known.message
+    unknown = coverage_checks(coverage, {"lower left": 0.03})[1]
+    assert unknown.status == "warn"
+    assert "lower left corner, where the lens is known to 3 % of the focal length only" in unknown.message
+    assert coverage_checks(coverage, {"lower left": float("nan")})[1].message == "no points in the lower left corner"
+
+
+def test_the_sigma_of_a_corner_is_what_lenses_drawn_from_the_covariance_scatter() -> None:
+    """Each lens turned so that it fits the seen points best, as the pose of what it looks at would be."""
+    names = ("fx", "fy", "cx", "cy")
+    sigma = np.diag([2.0, 2.0, 3.0, 3.0])
+    camera = replace(CAMERA, covariance=sigma @ (np.eye(4) + 0.3) @ sigma)
+    seen = np.stack([*(g.ravel() for g in np.meshgrid(np.linspace(-0.2, 0.2, 9), np.linspace(-0.2, 0.2, 9)))], axis=-1)
+    seen = np.column_stack([seen, np.ones(81)])
+    found = corner_sigmas(camera, seen, ("upper left", "lower right"))
+    rng = np.random.default_rng(0)
+    corner = camera.unproject([[0.0, 0.0]])
+    moved = []
+    for draw in rng.multivariate_normal(np.zeros(4), np.asarray(camera.covariance), size=300):
+        other = Camera.create(
+            "pinhole", {n: v + d for n, v, d in zip(names, CAMERA.values, draw, strict=True)}, image_size=SIZE
+        )
+        J = np.concatenate([-_turned(other, p) for p in seen])
+        off = (other.project(seen) - camera.project(seen)).ravel()
+        turn = so3.exp(np.linalg.lstsq(J, off, rcond=None)[0])
+        moved.append((other.project(corner @ turn.T) - camera.project(corner))[0])
+    worst = np.sqrt(np.linalg.eigvalsh(np.cov(np.array(moved).T))[-1])
+    assert found["upper left"] == pytest.approx(worst, rel=0.15)
+
+
+def _turned(camera: Camera, point: np.ndarray) -> np.ndarray:
+    """d pixel / d turn at a point, by differences, (2, 3)."""
+    h = 1e-6
+    return np.stack(
+        [
+            (camera.project(so3.exp(h * e) @ point) - camera.project(so3.exp(-h * e) @ point)) / (2 * h)
+            for e in np.eye(3)
+        ],
+        axis=-1,
+    )

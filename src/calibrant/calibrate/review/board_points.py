@@ -61,22 +61,10 @@ def board_points(rows: Rows, scores: ViewScores, real: tuple[str, ...]) -> Board
     seen = np.bincount(index, minlength=len(labels))
     lost = np.bincount(index, weights=rows.weight == 0, minlength=len(labels))
     left_out = tuple(labels[(seen >= _FEWEST_VIEWS) & (lost > 0.5 * seen)].tolist())
-    J = (rows.J_point @ rows.T_camera_target[rows.view, :3, :2]) * rows.weight[:, None, None]
-    s = (np.swapaxes(J, 1, 2) @ residual[:, :, None])[..., 0]
-    own = np.swapaxes(J, 1, 2) @ J
-    total = np.zeros((len(labels), 2, 2))
-    np.add.at(total, index, own)
-    floor = 1e-9 * max(float(np.einsum("pii->p", total).max()), np.finfo(float).tiny)
-    total += floor * np.eye(2)
-    per_view = np.zeros((n, len(labels), 2))
-    per_view[rows.view, index] = s
-    turned = np.linalg.solve(np.linalg.cholesky(total)[None], per_view[..., None])[..., 0].reshape(n, -1)
-    chance = _repeats(turned)
-    alone = _stands_out(turned.reshape(n, -1, 2), seen)
-    chance = 2 * min(chance, alone)  # two questions: all points together, and each by itself
-    displacement = -np.linalg.solve(total, per_view.sum(axis=0)[..., None])[..., 0]
-    noise = scores.sigma_px**2 * np.linalg.inv(total)
-    variance = np.einsum("pii->p", noise) / 2
+    J, (aa, ab, bb), turned, displacement = _displacements(rows, scores, residual, index, len(labels))
+    # Two questions: all points together, and each by itself.
+    chance = 2 * min(_repeats(turned), _stands_out(turned.reshape(n, -1, 2), seen))
+    variance = 0.5 * scores.sigma_px**2 * (aa + bb) / np.maximum(aa * bb - ab**2, np.finfo(float).tiny)
     tau2 = max(float(np.mean(np.sum(displacement**2, axis=1) / 2 - variance)), 0.0)
     if chance > CHANCE or tau2 == 0:
         return BoardPoints(chance, CHANCE, left_out, 1e3 * float(np.sqrt(tau2)), 0, 0.0, 0.0, 0.0)
@@ -95,6 +83,35 @@ def board_points(rows: Rows, scores: ViewScores, real: tuple[str, ...]) -> Board
     )
 
 
+def _displacements(
+    rows: Rows, scores: ViewScores, residual: Array, index: Indices, points: int
+) -> tuple[Array, tuple[Array, Array, Array], Array, Array]:
+    """J (N, 2, 2), pixels by displacements along the board's x and y; the entries of each point's information
+    [[aa, ab], [ab, bb]]; turned (n, 2 points), the views' scores over its root; displacement (points, 2), metres."""
+    axes = rows.T_camera_target[rows.view, :3, :2]
+    place = scores.X[POSE - 3 : POSE]
+    a, b = (sum(place[c] * axes[:, c, k, None] for c in range(3)) for k in (0, 1))
+    each = (a * residual, b * residual, a * a, a * b, b * b)
+    sa, sb, aa, ab, bb = (product[:, 0] + product[:, 1] for product in each)
+    Sa, Sb, AA, AB, BB = (_summed(index, w, points) for w in (sa, sb, aa, ab, bb))
+    floor = 1e-9 * max(float(AA.max() + BB.max()), np.finfo(float).tiny)
+    AA, BB = AA + floor, BB + floor
+    first = np.sqrt(AA)
+    below = AB / first
+    second = np.sqrt(np.maximum(BB - below**2, floor))
+    ua = sa / first[index]
+    ub = (sb - below[index] * ua) / second[index]
+    turned = np.zeros((len(scores), points, 2))
+    turned[rows.view, index, 0], turned[rows.view, index, 1] = ua, ub
+    determinant = (first * second) ** 2
+    displacement = np.column_stack([AB * Sb - BB * Sa, AB * Sa - AA * Sb]) / determinant[:, None]
+    return np.stack([a, b], axis=-1), (AA, AB, BB), turned.reshape(len(scores), -1), displacement
+
+
+def _summed(index: Indices, values: Array, points: int) -> Array:
+    return np.asarray(np.bincount(index, weights=values, minlength=points), dtype=np.float64)
+
+
 def _stands_out(turned: Array, seen: Indices) -> float:
     """Chance of any point as far off in its views' mean, by Hotelling's T^2. Args: turned (n, p, 2), seen (p,)."""
     total = turned.sum(axis=0)
@@ -103,8 +120,9 @@ def _stands_out(turned: Array, seen: Indices) -> float:
     share = np.einsum("pi,pi->p", total, np.linalg.solve(V, total[:, :, None])[..., 0])
     n = np.maximum(seen, 3)
     F = (n - 2) / 2 * share / np.maximum(n - share, np.finfo(float).eps)
-    tails = [float(f_tail(2, m - 2, f)) for m, f in zip(n.tolist(), F.tolist()) if m >= _FEWEST_VIEWS]
-    return min(tails, default=1.0) * len(seen)
+    # The largest of the points that equally many views saw has the smallest chance.
+    counts = np.unique(n[n >= _FEWEST_VIEWS]).tolist()
+    return min((float(f_tail(2, m - 2, F[n == m].max())) for m in counts), default=1.0) * len(seen)
 
 
 def _repeats(turned: Array) -> float:

@@ -128,20 +128,28 @@ def fault(scores: ViewScores, name: str, *, beside: str | None = None) -> Fault 
     names = (name,) if beside is None else (beside, name)
     columns, own = kept_columns(scores, *names)
     mine = own[-len(scores.columns[name]) :]
-    found = estimate(scores, columns, everywhere(scores, columns, own), leave_out=True)
-    others = columns[np.isin(columns, columns[mine], invert=True)]
-    before = estimate(scores, others, np.ones((len(scores), len(others))))
-    if found is None or found.moved is None or before is None:
+    weights = everywhere(scores, columns, own)
+    found = estimate(scores, columns, weights)
+    if found is None:
         return None
     n, q = len(scores), len(mine)
-    moved = found.moved[:, mine]
-    covariance = (n - 1) / n * moved.T @ moved
-    if n - q < 1 or np.linalg.matrix_rank(covariance) < q:
-        return None
-    value = found.value[mine]
-    statistic = float(value @ np.linalg.solve(covariance, value)) * (n - q) / (q * (n - 1))
-    chance = max(float(f_tail(q, n - q, statistic)), chi2_tail(q, found.chi_square(mine)))
-    shift = found.value[: len(scores.lens)] - before.value[: len(scores.lens)]
+    value, covariance = found.value[mine], found.covariance[np.ix_(mine, mine)]
+    chance = chi2_tail(q, found.chi_square(mine))
+    shift = np.zeros(len(scores.lens))
+    if chance < _CHANCE:  # beyond white noise: is it beyond what the views scatter?
+        left_out = estimate(scores, columns, weights, leave_out=True)
+        if left_out is None or left_out.moved is None:
+            return None
+        moved = left_out.moved[:, mine]
+        covariance = (n - 1) / n * moved.T @ moved
+        if n - q < 1 or np.linalg.matrix_rank(covariance) < q:
+            return None
+        statistic = float(value @ np.linalg.solve(covariance, value)) * (n - q) / (q * (n - 1))
+        chance = max(float(f_tail(q, n - q, statistic)), chance)
+        others = columns[np.isin(columns, columns[mine], invert=True)]
+        before = estimate(scores, others, np.ones((n, len(others))))
+        if before is not None:
+            shift = found.value[: len(shift)] - before.value[: len(shift)]
     alone = np.einsum("nii->i", scores.gram[:, columns[mine, None], columns[mine]])
     left = np.linalg.inv(found.covariance[np.ix_(mine, mine)]) * scores.sigma_px**2
     independent = float(np.min(np.diag(left) / alone))

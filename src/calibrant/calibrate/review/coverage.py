@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calibrant.arrays import Array
+from calibrant.calibrate.review.corners import CORNERS, corner_sigmas
 from calibrant.calibrate.review.residuals import ViewResiduals, fitted_poses, structure_check, view_residuals
-from calibrant.data import CalibrationResult, Check
+from calibrant.data import CalibrationResult, Check, View
 from calibrant.data.details import SharedErrors
 from calibrant.errors import InputError
 from calibrant.geometry import se3
@@ -33,8 +34,8 @@ _LEAST_DIRECTION_DEG = 5.0
 """Spread of the board's normal across its main direction of tilt; below it all tilts are about one axis."""
 _LEAST_DISTANCE_RATIO = 1.2
 """Farthest over nearest view; closer than that, the calibration stands for one distance only."""
-
-_CORNERS = {"upper left": (0, 0), "upper right": (1, 0), "lower left": (0, 1), "lower right": (1, 1)}
+_CORNER_KNOWN = 0.01
+"""1 sigma in a corner over the focal length: the limit that the focal length's own check has, 10 mm at 1 m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,8 +109,8 @@ def covered(
         if not seen:
             continue
         coverage = image_coverage([v.uv for v in seen], image_size=size)
-        checks = coverage_checks(coverage)
         posed = [v for v in seen if (camera, v.id) in poses]
+        checks = coverage_checks(coverage, _known_corners(result, camera, coverage, posed, poses))
         if posed:
             spread = board_spread([poses[camera, v.id] for v in posed], [v.points.mean(axis=0) for v in posed])
             structure = (structures or {}).get(camera)
@@ -122,6 +123,22 @@ def covered(
             checks += (*spread_checks(spread), structure)
         out.append(CameraCoverage(camera, size, coverage, checks))
     return tuple(out)
+
+
+def _known_corners(
+    result: CalibrationResult,
+    camera: str,
+    coverage: Coverage,
+    posed: Sequence[View],
+    poses: Mapping[tuple[str, str], Array],
+) -> dict[str, float] | None:
+    """1 sigma over the focal length in the corners without points; None where the lens has no covariance."""
+    lens = result.cameras.get(camera)
+    if lens is None or lens.covariance is None or not posed or not coverage.empty_corners:
+        return None
+    seen = np.concatenate([se3.apply(poses[camera, v.id], v.points) for v in posed])
+    focal = float(np.sqrt(lens.parameters["fx"] * lens.parameters["fy"]))
+    return {name: px / focal for name, px in corner_sigmas(lens, seen, coverage.empty_corners).items()}
 
 
 def with_coverage_checks(
@@ -158,7 +175,7 @@ def image_coverage(uv: Iterable[ArrayLike], *, image_size: tuple[int, int]) -> C
     cells = np.clip(share * GRID, 0, np.array(GRID) - 1).astype(np.int64)
     counts = np.bincount(cells[:, 1] * GRID[0] + cells[:, 0], minlength=GRID[0] * GRID[1]).reshape(GRID[::-1])
     corner_points = {}
-    for name, corner in _CORNERS.items():
+    for name, corner in CORNERS.items():
         inside = np.abs(share - corner) <= _CORNER_SHARE
         corner_points[name] = int(np.sum(inside.all(axis=-1)))
     return Coverage(counts, corner_points)
@@ -185,8 +202,12 @@ def board_spread(T_camera_target: Sequence[Array], centres: Sequence[ArrayLike])
     return Spread(tilt, distance, float(np.sqrt(max(values[0], 0.0))), axis)
 
 
-def coverage_checks(coverage: Coverage) -> tuple[Check, ...]:
-    """Checks "image-coverage" (value: share of cells with points) and "corner-coverage" (value: corners seen)."""
+def coverage_checks(coverage: Coverage, corner_sigma: Mapping[str, float] | None = None) -> tuple[Check, ...]:
+    """Checks "image-coverage" (value: share of cells with points) and "corner-coverage" (value: corners seen).
+
+    Args: corner_sigma, 1 sigma over the focal length in the corners without points, where the lens's covariance says
+    it; NaN where the lens shows nothing. A corner that the views elsewhere determine needs none of its own.
+    """
     share = coverage.occupied
     text = f"points in {100 * share:.0f} % of the image"
     if share < _LEAST_OCCUPIED:
@@ -197,12 +218,34 @@ def coverage_checks(coverage: Coverage) -> tuple[Check, ...]:
     empty = coverage.empty_corners
     filled = float(len(coverage.corner_points) - len(empty))
     if empty:
-        corners = f"{' and the '.join(empty)} corner{'s' if len(empty) > 1 else ''}"
-        if len(empty) == len(coverage.corner_points):
-            corners = "four corners"
-        message = f"no points in the {corners}: take a view with the board there; distortion is extrapolated until then"
-        return image, Check("corner-coverage", "warn", message, filled)
+        return image, _empty_corners(empty, len(coverage.corner_points), corner_sigma, filled)
     return image, Check("corner-coverage", "ok", "points in all four corners of the image", filled)
+
+
+def _empty_corners(
+    empty: Sequence[str], corners: int, corner_sigma: Mapping[str, float] | None, filled: float
+) -> Check:
+    """ "corner-coverage" where corners have no points: do the other views determine the lens there?"""
+    where = _listed(empty, corners)
+    if corner_sigma is None:
+        message = f"no points in the {where}: take a view with the board there; distortion is extrapolated until then"
+        return Check("corner-coverage", "warn", message, filled)
+    unknown = [name for name in empty if corner_sigma[name] > _CORNER_KNOWN]
+    if unknown:
+        most = max(corner_sigma[name] for name in unknown)
+        message = (
+            f"no points in the {_listed(unknown, corners)}, where the lens is known to {100 * most:.2g} % of the focal "
+            "length only (1 sigma): take a view with the board there"
+        )
+        return Check("corner-coverage", "warn", message, filled)
+    known = [corner_sigma[name] for name in empty if np.isfinite(corner_sigma[name])]
+    said = f"; the lens is known there to {100 * max(known):.2g} % of the focal length (1 sigma)" if known else ""
+    return Check("corner-coverage", "ok", f"no points in the {where}{said}", filled)
+
+
+def _listed(names: Sequence[str], corners: int) -> str:
+    """Corners in words."""
+    return "four corners" if len(names) == corners else f"{' and the '.join(names)} corner{'s' * (len(names) > 1)}"
 
 
 def spread_checks(spread: Spread) -> tuple[Check, ...]:

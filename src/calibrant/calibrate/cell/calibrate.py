@@ -29,6 +29,8 @@ from calibrant.calibrate.cell.problem.layout import (
 )
 from calibrant.calibrate.cell.problem.problem import Cell
 from calibrant.calibrate.cell.problem.views import (
+    FEWEST_POINTS,
+    MINIMUM_POINTS,
     HandEyeViews,
     from_handheld,
     from_observations,
@@ -40,6 +42,7 @@ from calibrant.calibrate.cell.refine import refined
 from calibrant.calibrate.cell.result import cell_result
 from calibrant.calibrate.cell.starts.cell import CellStart, cell_start
 from calibrant.calibrate.review.review import review
+from calibrant.calibrate.solvers.setup import get_setup
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Check, Observations, RobotPoses, ViewResult
 from calibrant.data.verdicts import refuse_if_failed, stamp
@@ -193,7 +196,9 @@ def _list_views(where: Layout, p: Pictures, seen: Observations, camera: Photogra
     found, sigma = camera.T_camera_target, camera.sigma_px
     if p.handheld and found is not None and sigma is not None:
         return from_handheld(seen.views, np.array([found[v.id] for v in seen.views]).reshape(-1, 4, 4), sigma)
-    return from_observations(_poses_of_list(where, p), seen, camera.role.camera, sigma)
+    least = FEWEST_POINTS if sigma is None else MINIMUM_POINTS
+    data = from_observations(_poses_of_list(where, p), seen, camera.role.camera, sigma, least=least)
+    return data.with_branches([get_setup(p.setup).normal_form(data.T_base_gripper)]) if p.alone else data
 
 
 def _poses_of_list(where: Layout, p: Pictures) -> RobotPoses:

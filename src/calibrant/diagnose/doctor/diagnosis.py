@@ -18,7 +18,7 @@ from calibrant.diagnose.doctor.evidence.case import Case, case_of_poses, case_of
 from calibrant.diagnose.doctor.evidence.finding import Finding
 from calibrant.diagnose.doctor.evidence.loop import Loop
 from calibrant.diagnose.doctor.faults.timing import times_of
-from calibrant.diagnose.doctor.numbering import finding, numbering_of
+from calibrant.diagnose.doctor.numbering import finding, numbering_of, sides_of
 from calibrant.diagnose.doctor.pose_notation import PoseDecision, decide_poses
 from calibrant.diagnose.doctor.search import Examination
 from calibrant.diagnose.doctor.sized import examined_at_size
@@ -105,7 +105,8 @@ def diagnose_views(
     """
     ids = complete[0].ids
     filled = _with_gaps(observations, ids)
-    any_case = case_of_views(complete[0].poses, filled, camera, setup="eye-in-hand")
+    any_case = case_of_views(complete[0].poses, filled, camera, setup="eye-in-hand", camera_given=camera_given)
+    any_case = any_case.with_branches(sides_of(complete, any_case))
     numbered = numbering_of(any_case, complete)
     if numbered is not None:
         any_case = any_case.with_boards(numbered.rows.tolist(), numbered.F)
@@ -123,6 +124,7 @@ def diagnose_views(
         ),
         observations=observations,
     )
+    case = case.with_branches([case.setup.normal_form(case.data.T_base_gripper)])
     if numbered is not None:
         poses = replace(poses, findings=(*poses.findings, finding(numbered, ids)))
     found = examined_at_size(case, poses.scale, free=free_scale)

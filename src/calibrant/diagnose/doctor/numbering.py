@@ -28,12 +28,13 @@ def numbering_of(case: Case, complete: Sequence[PoseNotation]) -> ViewsNumbered 
     turns = board_turns(case.observations.target)
     if turns is None or len(case.index) < 3:
         return None
-    sides = _sides(complete, case, len(turns.F))
+    sides = sides_of(complete, case, len(turns.F))
     return numbered_by_robot(turns, sides, case.data.B, case.data.use)
 
 
-def _sides(complete: Sequence[PoseNotation], case: Case, order: int) -> list[Array]:
-    """The robot's poses in every notation whose angles may be the camera's, and their inverses."""
+def sides_of(complete: Sequence[PoseNotation], case: Case, order: int = 1) -> list[Array]:
+    """The robot's poses in every notation whose angles may be the camera's, and their inverses; order: equal turns of
+    the board."""
     distinct: list[Array] = []
     for notation in complete:
         T = se3.make(notation.T_base_gripper[:, :3, :3], np.zeros((len(case), 3)))

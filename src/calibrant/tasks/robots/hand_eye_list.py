@@ -128,12 +128,14 @@ def diagnose(data: PairedData, request: ListRequest) -> Diagnosis:
 
 def _seen(data: PairedData, request: ListRequest) -> tuple[Observations, Camera]:
     """The observations without points that do not belong, and the camera that saw them."""
-    from calibrant.calibrate.cell.problem.views import MINIMUM_POINTS
+    from calibrant.calibrate.cell.problem.views import FEWEST_POINTS, MINIMUM_POINTS
     from calibrant.calibrate.intrinsics.one_model import calibrate_keeping
 
     observations = data.observations
-    if observations is None or not any(len(v) >= MINIMUM_POINTS for v in observations.views):
-        raise RefusedError(f"no photo shows {MINIMUM_POINTS} points of the board or more; nothing to calibrate from")
+    least = MINIMUM_POINTS if data.camera is None else FEWEST_POINTS
+    if observations is None or not any(len(v) >= least for v in observations.views):
+        way_out = "; with the camera known (--camera) the four corners of a tag will do" if data.camera is None else ""
+        raise RefusedError(f"no photo shows {least} points of the board or more; nothing to calibrate from{way_out}")
     if data.camera is not None:
         return observations, data.camera
     found = calibrate_keeping(observations, model=request.lens.model, fix=split_names(request.lens.fix))

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.arrays import Array
+from calibrant.calibrate.cell.problem.flips import right_branches
 from calibrant.cameras import Camera
 from calibrant.data import Observations, RobotPoses, View
 from calibrant.errors import InputError
 from calibrant.geometry import se3
+
+if TYPE_CHECKING:
+    from calibrant.calibrate.pose.target_poses import TargetPoses
 
 WEAK_LEAVE_OUT = 10**0.5
 """A view whose target pose is this many times less certain than the typical one carries a tenth of its information."""
@@ -20,6 +25,10 @@ WEAK_FLAG = 2.0
 """The same for a quarter of the information: used, and said."""
 MINIMUM_POINTS = 6
 """Fewer points than 6 leave less than half of their coordinates to check the pose with."""
+FEWEST_POINTS = 4
+"""With a camera that is known, the corners of a single tag: what two spare numbers do not check the loop does."""
+BOTH_FIT = float(np.log(1e4))
+"""A second pose of a flat target is in question where the pixels say less than 10,000 to 1 against it."""
 LEAST_SIGMA_PX = 1e-3
 """Start of the pixel noise where the views fit exactly; the joint fit finds its level."""
 FEW_POINTS_SHARE = 0.5
@@ -33,6 +42,8 @@ class HandEyeViews:
     covariance (n, 6, 6): of B for unit pixel noise, zero without images.
     certainty (n,): how many times less certain each B is than the typical one; points (n,), 0 without images.
     sigma_px: pixel noise per axis, as the typical view shows it; 1 without images.
+    doubles (n, 4, 4): the second pose of a flat target where the pixels hardly tell it from B, else B; None where
+    there is none.
     use (n,): false for a view that is left out; reasons (n,): why, or what to know of it.
     """
 
@@ -45,6 +56,7 @@ class HandEyeViews:
     sigma_px: float
     use: NDArray[np.bool_]
     reasons: tuple[str | None, ...]
+    doubles: Array | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -76,9 +88,27 @@ class HandEyeViews:
         from calibrant.calibrate.pose.target_poses import target_poses  # not needed for pose pairs
 
         found = target_poses(camera, [v for v, use in zip(self.views, self.use) if use])
+        # Of the two poses of a flat target the one that was chosen before.
+        other = np.sum((found.doubles - self.B[self.use])[:, :3, :3] ** 2, axis=(1, 2))
+        first = np.sum((found.T_camera_target - self.B[self.use])[:, :3, :3] ** 2, axis=(1, 2))
+        second = (other < first)[:, None, None]
         B, covariance = self.B.copy(), self.covariance.copy()
-        B[self.use], covariance[self.use] = found.T_camera_target, found.covariance
+        B[self.use] = np.where(second, found.doubles, found.T_camera_target)
+        covariance[self.use] = np.where(second, found.doubles_covariance, found.covariance)
         return replace(self, B=B, covariance=covariance)
+
+    def with_branches(self, sides: Sequence[Array]) -> HandEyeViews:
+        """The same with the pose of each view that agrees with the robot, where two fit its picture.
+
+        sides: the ways to read the robot's poses, each A (n, 4, 4) of the normal form.
+        """
+        if self.doubles is None:
+            return self
+        use = self.use
+        R = self.B[use, :3, :3], self.doubles[use, :3, :3]
+        second = np.zeros(len(self), dtype=bool)
+        second[use] = right_branches([A[use, :3, :3] for A in sides], *R)
+        return replace(self, B=np.where(second[:, None, None], self.doubles, self.B), doubles=None)
 
 
 def from_target_poses(poses: RobotPoses, T_camera_target: Array) -> HandEyeViews:
@@ -144,48 +174,45 @@ def unsharp_views(views: Sequence[View]) -> dict[str, str]:
 
 
 def from_observations(
-    poses: RobotPoses, observations: Observations, camera: Camera, sigma_px: float | None = None
+    poses: RobotPoses,
+    observations: Observations,
+    camera: Camera,
+    sigma_px: float | None = None,
+    *,
+    least: int = MINIMUM_POINTS,
 ) -> HandEyeViews:
     """Views matched to poses by id, each with its target pose and how certain that is.
 
-    sigma_px: noise per axis; by default what the typical view's residuals show.
+    sigma_px: noise per axis; by default what the typical view's residuals show. least: points that a view needs,
+    FEWEST_POINTS where the camera is known.
     """
     from calibrant.calibrate.pose.target_poses import target_poses  # not needed for pose pairs
 
     _, matched = match_views(poses, observations)
     views = list(observations.views)
-    enough = np.array([len(v) >= MINIMUM_POINTS for v in views])
+    enough = np.array([len(v) >= least for v in views])
     if not enough.any():
-        raise InputError(f"no view has {MINIMUM_POINTS} points or more; nothing to calibrate from")
+        raise InputError(f"no view has {least} points or more; nothing to calibrate from")
     found = target_poses(camera, [v for v, ok in zip(views, enough) if ok])
     n = len(views)
     B = np.tile(np.eye(4), (n, 1, 1))
     covariance = np.zeros((n, 6, 6))
     B[enough], covariance[enough] = found.T_camera_target, found.covariance
+    counts = np.array([len(v) for v, ok in zip(views, enough) if ok])
+    spare = np.maximum(2 * counts - 6, 1)
     if sigma_px is None:
-        sigma_px = max(float(np.median(found.rms_px)) / np.sqrt(2), LEAST_SIGMA_PX)
+        # Of few points the pose takes up most of the noise.
+        few = 2 * counts / spare if np.median(counts) < MINIMUM_POINTS else 1.0
+        sigma_px = max(float(np.median(found.rms_px * np.sqrt(few))) / np.sqrt(2), LEAST_SIGMA_PX)
+    doubles = B.copy()
+    open_ = _both_fit(found, counts, spare)
+    doubles[np.flatnonzero(enough)[open_]] = found.doubles[open_]
     deviations = np.sqrt(np.einsum("nii->ni", found.covariance)) * sigma_px
     sigma_mm, sigma_deg = se3.mm_and_deg(deviations)
     ratios = np.maximum(sigma_deg / np.median(sigma_deg), sigma_mm / np.median(sigma_mm))
     certainty = np.full(n, np.inf)
     certainty[enough] = ratios
-    use = np.ones(n, dtype=bool)
-    reasons: list[str | None] = [None] * n
-    typical_points = float(np.median([len(v) for v in views]))
-    rows = np.cumsum(enough) - 1
-    for i, view in enumerate(views):
-        k = rows[i]
-        if not enough[i]:
-            use[i], reasons[i] = False, f"only {len(view)} points, {MINIMUM_POINTS} are needed"
-        elif certainty[i] > WEAK_FLAG:
-            text = (
-                f"its {len(view)} points leave the target's position uncertain by {sigma_mm[k]:.2g} mm and "
-                f"{sigma_deg[k]:.2g} deg (typical {np.median(sigma_mm):.2g} mm, {np.median(sigma_deg):.2g} deg)"
-            )
-            use[i] = certainty[i] <= WEAK_LEAVE_OUT
-            reasons[i] = f"weak view: {text}" if use[i] else text
-        elif len(view) < FEW_POINTS_SHARE * typical_points:
-            reasons[i] = f"weak view: only {len(view)} points, the others have {typical_points:.0f} typically"
+    use, reasons = _judged(views, certainty, sigma_mm, sigma_deg, least)
     return HandEyeViews(
         ids=tuple(v.moment for v in views),
         T_base_gripper=poses.T_base_gripper[matched],
@@ -196,4 +223,37 @@ def from_observations(
         sigma_px=sigma_px,
         use=use,
         reasons=tuple(reasons),
+        doubles=doubles if open_.any() else None,
     )
+
+
+def _judged(
+    views: Sequence[View], certainty: Array, sigma_mm: Array, sigma_deg: Array, least: int
+) -> tuple[NDArray[np.bool_], list[str | None]]:
+    """Which views (n,) are used, and what is said of those that are not or that are weak. certainty (n,): infinite with
+    too few points; sigma_mm, sigma_deg: of the others."""
+    use = np.ones(len(views), dtype=bool)
+    reasons: list[str | None] = [None] * len(views)
+    typical_points = float(np.median([len(v) for v in views]))
+    rows = np.cumsum(np.isfinite(certainty)) - 1
+    for i, view in enumerate(views):
+        k = rows[i]
+        if not np.isfinite(certainty[i]):
+            use[i], reasons[i] = False, f"only {len(view)} points, {least} are needed"
+        elif certainty[i] > WEAK_FLAG:
+            text = (
+                f"its {len(view)} points leave the target's position uncertain by {sigma_mm[k]:.2g} mm and "
+                f"{sigma_deg[k]:.2g} deg (typical {np.median(sigma_mm):.2g} mm, {np.median(sigma_deg):.2g} deg)"
+            )
+            use[i] = certainty[i] <= WEAK_LEAVE_OUT
+            reasons[i] = f"weak view: {text}" if use[i] else text
+        elif len(view) < FEW_POINTS_SHARE * typical_points:
+            reasons[i] = f"weak view: only {len(view)} points, the others have {typical_points:.0f} typically"
+    return use, reasons
+
+
+def _both_fit(found: TargetPoses, counts: NDArray[np.intp], spare: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Views (m,) whose pixels do not tell their two poses apart: (S_2 - S_1) / (2 sigma^2), sigma that of all views."""
+    squares = counts * found.rms_px**2
+    variance = max(float(squares.sum() / spare.sum()), LEAST_SIGMA_PX**2)
+    return np.asarray((counts * found.doubles_rms_px**2 - squares) / (2 * variance) < BOTH_FIT)

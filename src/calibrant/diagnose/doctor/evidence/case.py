@@ -13,7 +13,13 @@ from calibrant.arrays import Array, Index
 from calibrant.calibrate.cell.boards.turned import with_boards
 from calibrant.calibrate.cell.loop.noise import LoopNoise
 from calibrant.calibrate.cell.loop.target_size import target_size
-from calibrant.calibrate.cell.problem.views import HandEyeViews, from_observations, from_target_poses
+from calibrant.calibrate.cell.problem.views import (
+    FEWEST_POINTS,
+    MINIMUM_POINTS,
+    HandEyeViews,
+    from_observations,
+    from_target_poses,
+)
 from calibrant.calibrate.cell.starts.robust import OUTLIER_P, RobustFit, log_misfit, robust_fit
 from calibrant.calibrate.solvers.setup import Setup, get_setup
 from calibrant.cameras import Camera
@@ -156,6 +162,10 @@ class Case:
         data = replace(self.data, B=B, views=views)
         return replace(self, data=data, observations=self._observed(views), scale=self.scale * factor)
 
+    def with_branches(self, sides: Sequence[Array]) -> Case:
+        """Of the two poses that a flat target has in a picture, the one that agrees with the robot."""
+        return replace(self, data=self.data.with_branches(sides))
+
     def with_inverted_targets(self) -> Case:
         """Target poses given as T_target_camera."""
         return replace(self, data=replace(self.data, B=se3.inverse(self.data.B)))
@@ -199,7 +209,8 @@ def case_of_views(
     times: Array | None = None,
 ) -> Case:
     """A case of views whose moments carry the poses' ids. Raises: InputError as `from_observations`."""
-    data = from_observations(poses, observations, camera)
+    least = FEWEST_POINTS if camera_given else MINIMUM_POINTS
+    data = from_observations(poses, observations, camera, least=least)
     # A view too weak to calibrate from still says whose pose it has; its deviation counts for what it is worth.
     data = replace(data, use=np.isfinite(data.certainty))
     return Case(get_setup(setup), data, observations, camera, camera_given, times)

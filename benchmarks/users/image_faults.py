@@ -296,6 +296,16 @@ def halved(photos: Photos) -> None:
     photos.noise = lambda p: white * p.rng.standard_normal((len(p), len(p.told), 2))
 
 
+def stretched_all(share: float):
+    """Pixels that are not square: all pictures stretched in height (another aspect of the video, resized)."""
+
+    def edit(photos: Photos) -> None:
+        photos.K = photos.K * [1, 1 + share, 1, 1 + share]
+        photos.truths = [photos.K[0].copy()]
+
+    return edit
+
+
 # Shutters
 
 

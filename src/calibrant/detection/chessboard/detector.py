@@ -21,6 +21,7 @@ from calibrant.detection.chessboard.grid import Grid, grow_grids, turned
 from calibrant.detection.chessboard.links import neighbours
 from calibrant.detection.chessboard.partial import Placed, place
 from calibrant.detection.chessboard.snap import steps_at
+from calibrant.detection.chessboard.strays import stray_corners
 from calibrant.detection.detection import Detection
 from calibrant.detection.subpixel.refinement import DEFAULT, Refinement, refine
 from calibrant.detection.subpixel.saddle import Refined
@@ -139,6 +140,9 @@ def _measured(grey: Grey, placed: Placed, factor: int, target: Chessboard, least
     grid = placed.grid
     refined = _refined_grid(grey, grid, factor, how)
     good = refined.converged & (refined.noise < MOST_NOISE * refined.contrast)
+    xy = np.full_like(grid.xy, np.nan)
+    xy[grid.known] = np.where(good[:, None], refined.uv, np.nan)
+    good &= ~stray_corners(xy)[grid.known]
     if good.sum() < least:
         return Detection.nothing("the board was seen but its corners are too blurred or too noisy to be measured")
     row, column = np.argwhere(grid.known)[good].T

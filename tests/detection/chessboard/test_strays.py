@@ -17,7 +17,9 @@ Array = np.ndarray
 
 def fisheye() -> Camera:
     parameters = {"fx": 380.0, "fy": 380.0, "cx": 640.0, "cy": 480.0}
-    return Camera.create("kannala_brandt", parameters | dict.fromkeys(("k1", "k2", "k3", "k4"), 0.0), image_size=(1280, 960))
+    return Camera.create(
+        "kannala_brandt", parameters | dict.fromkeys(("k1", "k2", "k3", "k4"), 0.0), image_size=(1280, 960)
+    )
 
 
 def near_pose() -> Array:

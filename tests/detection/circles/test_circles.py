@@ -45,7 +45,7 @@ def test_an_ellipse_s_centre_is_not_the_circle_s(monkeypatch: pytest.MonkeyPatch
     found = CirclesDetector().detect(image, target)
     # 0.7 px of blur and 2 grey levels of noise leave some hundredths of a pixel on dots of 20 px.
     assert rms_px(found, truth) < 0.015
-    monkeypatch.setattr(module, "true_centres", lambda steps, uv, shape: uv)
+    monkeypatch.setattr(module, "true_centres", lambda steps, uv, shape, sigma: (uv, sigma))
     uncorrected = CirclesDetector().detect(image, target)
     assert rms_px(uncorrected, truth) > 3 * rms_px(found, truth)
 
@@ -61,6 +61,45 @@ def test_sigma_tells_the_error() -> None:
         chi2.append(((found.uv - truth[found.point_ids]) ** 2 / found.sigma_px[:, None] ** 2).mean())
     # 1 when sigma is right; 380 values scatter by 0.07, and a lens's blur is not quite the model's.
     assert 0.7 < np.mean(chi2) < 1.6
+
+
+def near(
+    camera: Camera, seed: int, tilt_deg: float, target: Circles, distance: float = 0.6
+) -> tuple[Detection, np.ndarray]:
+    """A grid that nearly fills, or leaves, the picture of a lens that bends it; and the truth."""
+    rng = np.random.default_rng(seed)
+    R = so3.exp(np.deg2rad(tilt_deg) * np.array([0.6, 0.8, 0])) @ so3.exp(np.array([0, 0, rng.uniform(-3, 3)]))
+    size = np.ptp(target.points, axis=0).max()
+    shift = np.append(rng.uniform(-0.1, 0.1, 2), distance) * size
+    T = se3.make(R, shift - R @ target.points.mean(axis=0))
+    image = render(target.artwork(), camera, T, rng=rng, look=LOOK)
+    return CirclesDetector().detect(image, target), camera.project(se3.apply(T, target.points))
+
+
+def test_where_the_map_does_not_follow_the_lens_sigma_says_so() -> None:
+    # Polynomials through the dots of a grid near a fisheye put some centres 0.5 px off, at a sigma of 0.007.
+    terms = {"fx": 380.0, "fy": 380.0, "cx": 640.0, "cy": 480.0, "k1": -0.01, "k2": 0.003, "k3": 0.0, "k4": 0.0}
+    camera = Camera.create("kannala_brandt", terms, image_size=(1280, 960))
+    target, worst, seen = Circles(10, 10, 0.0254, bigdot=True), [], 0
+    for seed in range(3):
+        found, truth = near(camera, seed, 25.0, target)
+        if found.found:
+            assert found.sigma_px is not None
+            seen += 1
+            worst.append((np.linalg.norm(found.uv - truth[found.point_ids], axis=1) / found.sigma_px).max())
+    assert seen >= 2
+    assert max(worst) < 6.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_piece_of_a_grid_is_not_numbered_as_another(seed: int) -> None:
+    # Far dots of a grid seen at a tilt, found by a small window, fitted a grid cut off by the picture's edge.
+    terms = {"fx": 1000.0, "fy": 1000.0, "cx": 640.0, "cy": 480.0, "k1": -0.3, "k2": 0.1, "p1": 0.0, "p2": 0.0}
+    camera, target = Camera.create("brown", terms | {"k3": 0.0}, image_size=(1280, 960)), Circles(9, 7, 0.03)
+    found, truth = near(camera, seed, 30.0, target, distance=1.05)
+    if found.found:
+        ways = (truth, truth[::-1])
+        assert min(np.abs(found.uv - way[found.point_ids]).max() for way in ways) < 1.0
 
 
 @pytest.mark.parametrize(

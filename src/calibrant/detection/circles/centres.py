@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from calibrant.arrays import Array
 from calibrant.geometry.projective import homography
@@ -32,6 +33,13 @@ OUTLINE = 16
 ROUNDS = 3
 """The shifts are some tenths of a pixel and smooth over the board: the last round changes them by a thousandth."""
 
+SHIFT_SHARE = 0.5
+"""Error of a shift over its dot's misfit: a third to a whole on drawn boards that the polynomial does not follow."""
+NOISE_REACH = 12.0
+"""Square of a misfit over the variance of one axis that noise alone exceeds in one dot of 400: chi-square of two."""
+AROUND = 9
+"""A dot and those beside it: the map may pass through one by chance."""
+
 _TURN = 2.0 * np.pi * np.arange(OUTLINE) / OUTLINE
 _CIRCLE = np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
 
@@ -39,7 +47,8 @@ _CIRCLE = np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
 @dataclass(frozen=True, eq=False)
 class BoardMap:
     """F: steps of the board -> pixels. H (3, 3); middle (2,) px and half_px scale pixels to -1..1; degree, powers
-    (k, 2) and coefficients (k, 2) of the polynomial; error_px: rms over both axes of dots left out of the fit.
+    (k, 2) and coefficients (k, 2) of the polynomial; error_px: rms over both axes of dots left out of the fit;
+    misfit_px (n,): distance of each dot from the map, over the root of what its place leaves free.
     """
 
     H: Array
@@ -49,6 +58,7 @@ class BoardMap:
     powers: NDArray[np.int64]
     coefficients: Array
     error_px: float
+    misfit_px: Array
 
     def pixels(self, steps: Array) -> Array:
         """Pixels (..., 2) of places (..., 2) on the board."""
@@ -78,16 +88,21 @@ def fit_board_map(H: Array, steps: Array, uv: Array, weight: Array, degrees: ran
         U, S, Vt = U[:, kept], S[kept], Vt[kept]
         coefficients = Vt.T @ ((U.T @ (weight[:, None] * b)) / S[:, None])
         # A residual over one less its leverage is the error of the fit without that dot.
-        missed = weight[:, None] * (b - A @ coefficients) / np.maximum(1.0 - (U**2).sum(axis=1), 1e-3)[:, None]
+        residual, free = b - A @ coefficients, np.maximum(1.0 - (U**2).sum(axis=1), 1e-3)
+        missed = weight[:, None] * residual / free[:, None]
         error = half * float(np.sqrt((missed**2).sum() / (weight**2).sum()))
-        candidates.append(BoardMap(H, middle, half, degree, powers, coefficients, error))
+        misfit = half * np.linalg.norm(residual, axis=1) / np.sqrt(free)
+        candidates.append(BoardMap(H, middle, half, degree, powers, coefficients, error, misfit))
     return min(candidates, key=lambda board: board.error_px)
 
 
-def true_centres(steps: Array, uv: Array, shape: Array) -> Array:
-    """Pictures of the circles' centres (n, 2) px.
+def true_centres(steps: Array, uv: Array, shape: Array, sigma_px: Array) -> tuple[Array, Array]:
+    """Pictures of the circles' centres (n, 2) px, and their sigma_px (n,) per axis with what the map's misfit adds.
 
-    Args: steps (n, 2): the circles on the board; uv (n, 2) px and shape (n, 2, 2) px^2 of their ellipses.
+    A map that does not follow the dots is no better in its second derivatives: what a dot, or one beside it, is off it
+    beyond noise goes into its sigma, times SHIFT_SHARE.
+    Args: steps (n, 2): the circles on the board; uv (n, 2) px and shape (n, 2, 2) px^2 of their ellipses; sigma_px (n,)
+    of the ellipses' centres.
     """
     # Shifts, and what they are off by at first, grow with a dot's area: a big dot must not bend the map to itself.
     area = np.sqrt(np.linalg.det(shape))
@@ -97,7 +112,10 @@ def true_centres(steps: Array, uv: Array, shape: Array) -> Array:
     for _ in range(ROUNDS):
         board = fit_board_map(H, steps, uv - shift, weight, degrees)
         shift, degrees = _shifts(board, steps, shape), range(board.degree, board.degree + 1)
-    return uv - shift
+    beyond = np.maximum(board.misfit_px**2 - NOISE_REACH * sigma_px**2, 0.0)
+    near = cKDTree(steps).query(steps, k=min(AROUND, len(steps)))[1]
+    beyond = beyond[np.asarray(near)].max(axis=1)
+    return uv - shift, np.sqrt(sigma_px**2 + SHIFT_SHARE**2 * beyond)
 
 
 def _shifts(board: BoardMap, steps: Array, shape: Array) -> Array:

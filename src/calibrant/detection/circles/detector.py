@@ -41,6 +41,10 @@ AGREEMENT_STEPS = 0.08
 """A dot lies where those around it predict, in steps: a lens bends a grid by a hundredth between neighbours."""
 LEAST_LOOK = 12
 """Dots that a grid of another size needs to be called one in a message: 4x3."""
+ENOUGH = 0.8
+"""Of the dots: with as many, other windows are not tried. Pieces that fit elsewhere, too, are smaller."""
+SAME_DOT_PX = 3.0
+"""A dot's rough centre and its fitted one."""
 LEAST_FIT = 0.7
 """Of the dots placed whose ellipses must fit: else it is a grid of something else."""
 
@@ -89,22 +93,52 @@ def _at_scale(
     Args: seen: gets columns and rows of other grids; darkness: grey value where no light falls.
     """
     level = np.ascontiguousarray(shrink(picture, factor))
-    without_origin: Detection | None = None
+    found: list[Detection] = []
+    unclear: list[Array] = []
     for part in windows:
         spots = find_spots(level, window_px=max(9, round(part * max(level.shape)))).scaled(factor)
         for lattice in grow_lattices(spots, with_big=target.bigdot):
-            placement = place(target, lattice, spots.uv[lattice.spots], (picture.shape[1], picture.shape[0]))
+            uv = spots.uv[lattice.spots]
+            placement = place(target, lattice, uv, (picture.shape[1], picture.shape[0]))
             if isinstance(placement, str):
+                unclear.append(uv)
                 seen += _sizes(lattice, target)
                 continue
             detection = _measured(picture, target, spots, lattice, placement, darkness=darkness)
             if not detection.found:
                 continue
-            if not target.bigdot or detection.point_ids[0] == target.point_ids[0]:
+            if len(detection.uv) == len(target.points):
                 return detection
-            # A window too small for the big dot leaves it out; another may show it.
-            without_origin = without_origin or detection
-    return without_origin
+            found.append(detection)
+        # A window too small for the big dot leaves it out, or the near dots of a tilted grid; another may show them.
+        if found and len(found[-1].uv) > ENOUGH * len(target.points) and _with_origin(found[-1], target):
+            break
+    whole = [d for d in found if not any(_is_piece(d, uv) for uv in unclear)]
+    best = max(whole, key=lambda d: (_with_origin(d, target), len(d.uv)), default=None)
+    return None if best is None or any(_contradicts(best, other) for other in whole) else best
+
+
+def _with_origin(detection: Detection, target: Circles) -> bool:
+    return not target.bigdot or int(detection.point_ids[0]) == int(target.point_ids[0])
+
+
+def _is_piece(detection: Detection, uv: Array) -> bool:
+    """Whether the dots found are some of a larger lattice's (n, 2) px, of which it was not clear where on the target.
+
+    A piece of a grid shows fewer dots than there are, and fits where the whole does not.
+    """
+    if len(uv) <= len(detection.uv):
+        return False
+    away = np.asarray(cKDTree(uv).query(detection.uv)[0])
+    return bool(np.count_nonzero(away < SAME_DOT_PX) > 0.5 * len(away))
+
+
+def _contradicts(detection: Detection, other: Detection) -> bool:
+    """Whether a grid at least half as large gives most of the same dots other numbers."""
+    away, nearest = cKDTree(detection.uv).query(other.uv)
+    same = np.asarray(away) < SAME_DOT_PX
+    alike = detection.point_ids[np.asarray(nearest)[same]] == other.point_ids[same]
+    return bool(2 * len(other.uv) >= len(detection.uv) and np.count_nonzero(~alike) > 0.5 * len(other.uv))
 
 
 def _sizes(lattice: Lattice, target: Circles) -> list[tuple[int, int]]:
@@ -135,8 +169,9 @@ def _measured(
         error = np.linalg.norm(maps.centres - ellipses.uv, axis=1) / maps.square_px
         excess = np.where(maps.determined & good, error / np.maximum(AGREEMENT_STEPS, 1.0 / maps.square_px), 0.0)
         if excess.max() <= 1.0:
-            uv = true_centres(steps[good], ellipses.uv[good], ellipses.shape[good])
-            return Detection(target.point_ids[index[good]], uv, ellipses.sigma_px[good])
+            sigma = ellipses.sigma_px[good]
+            uv, sigma = true_centres(steps[good], ellipses.uv[good], ellipses.shape[good], sigma)
+            return Detection(target.point_ids[index[good]], uv, sigma)
         good &= excess < max(1.0, 0.7 * excess.max())
     return Detection.nothing("a grid of spots was seen, but they are not round enough, or too blurred, to be dots")
 

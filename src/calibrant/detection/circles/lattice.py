@@ -8,6 +8,7 @@ neighbour's steps and looked up, so perspective and lenses are followed.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -36,6 +37,8 @@ LEAST_GAP, MOST_GAP = 2.1, 12.0
 """Distance of neighbours over a dot's radius: 2 would touch; dots thinner than a sixth of the spacing are specks."""
 MISS = 0.3
 """A dot may lie this far from its prediction, in steps: halfway to nothing else."""
+MOST_CHANGE = 1.25
+"""From one step to the next of a line: a view changes them by a tenth or two, whole pixels of small spots by more."""
 MOST_CELLS = 100
 """From the first spot to each side; printed grids have some tens of dots a side."""
 MOST_LATTICES = 12
@@ -146,9 +149,13 @@ def _reach(uv, area, seed, steps, largest):  # type: ignore[no-untyped-def]
             if placed[other] or away > MISS**2 * step2 or not 1 / SAME_SIZE < ratio < largest:
                 continue
             taken[a + MOST_CELLS, b + MOST_CELLS], placed[other] = True, True
-            # The step just made is the better guess for the next along it; the other step is carried over.
+            # The step just made, and how it differs from the one before, tell the next along it: three points of a line
+            # with the next keep their cross ratio, d0 = d1 (d1 + d2) / (3 d2 - d1). The other step is carried over.
             basis[other] = basis[spot]
             basis[other, axis] = sign * (uv[other] - uv[spot])
+            d1 = math.hypot(basis[other, axis, 0], basis[other, axis, 1])
+            d2 = math.sqrt(step2)
+            basis[other, axis] *= min(max((d1 + d2) / max(3.0 * d2 - d1, 1e-9), 1.0 / MOST_CHANGE), MOST_CHANGE)
             big[count] = ratio >= SAME_SIZE
             size[other] = size[spot] if ratio >= SAME_SIZE else area[other]
             queue[count], cells[count, 0], cells[count, 1] = other, a, b

@@ -49,7 +49,6 @@ _TELLS = 3.0
 _MOST_NAMED = 5
 _LACKED = 0.1
 """Share of a distortion that the lens model has no term for: a model with a radial term leaves under a hundredth."""
-_SHAPE = "--target-shape paraboloid"
 _PRINTED = 1e-3
 """Paper is printed to about a thousandth in either direction, sensors to far less: a smaller ratio accuses nobody."""
 
@@ -77,8 +76,11 @@ class Fault:
         return self.found.chi_square(self.own)
 
 
-def board_checks(rows: Rows, scores: ViewScores, *, target: str | None, shaped: bool) -> tuple[Check, ...]:
-    """The checks of a flat board. Args: target, its spec where known; shaped, whether its shape was estimated."""
+def board_checks(rows: Rows, scores: ViewScores, *, target: str | None, shaped: bool, door: str) -> tuple[Check, ...]:
+    """The checks of a flat board.
+
+    Args: target, its spec where known; shaped, whether its shape was estimated; door, the option that would do so.
+    """
     if not np.ptp(rows.stacked.points[:, 2]) <= 0.01 * np.ptp(rows.stacked.points, axis=0).max():
         return ()  # a target with depth has no sheet that could bend
     bend, stretch, radial = fault(scores, BEND), fault(scores, STRETCH), fault(scores, RADIAL)
@@ -99,9 +101,9 @@ def board_checks(rows: Rows, scores: ViewScores, *, target: str | None, shaped: 
     real = [name for name, f in ((BEND, bend), (STRETCH, stretch)) if f is not None and f.chance < _CHANCE]
     checks = [_squares_check(scores, stretch, target)]
     if not shaped:
-        checks.insert(0, _flatness_check(bend))
+        checks.insert(0, _flatness_check(bend, door))
     points = board_points(rows, scores, tuple(real))
-    return (*checks, *([] if points is None else [_points_check(points)]))
+    return (*checks, *([] if points is None else [_points_check(points, door)]))
 
 
 def _better(board: Fault | None, lens: Fault) -> bool:
@@ -156,7 +158,7 @@ def fault(scores: ViewScores, name: str, *, beside: str | None = None) -> Fault 
     return Fault(found, mine, covariance, independent, chance, lens_shift(scores, shift))
 
 
-def _flatness_check(bend: Fault | None) -> Check:
+def _flatness_check(bend: Fault | None, door: str) -> Check:
     if bend is None:
         return Check(FLATNESS, "ok", "these views do not tell whether the board is flat")
     height, sigma = _largest_height(bend)
@@ -167,11 +169,11 @@ def _flatness_check(bend: Fault | None) -> Check:
         )
     word = "twisted" if abs(bend.value[1]) > np.abs(bend.value[[0, 2]]).max() else "bent"
     if bend.shift < _MATTERS:
-        message = f"the board is {word} by {size}, which the uncertainties hold; {_SHAPE} estimates it"
+        message = f"the board is {word} by {size}, which the uncertainties hold; {door} paraboloid estimates it"
         return Check(FLATNESS, "ok", message, height)
     message = (
         f"the board is {word} by {size} from highest to lowest point, and moves the camera by "
-        f"{bend.shift**0.5:.2g} of its sigma: {_SHAPE} estimates it, a stiff board has none"
+        f"{bend.shift**0.5:.2g} of its sigma: {door} paraboloid estimates it, a stiff board has none"
     )
     return Check(FLATNESS, "warn", message, height)
 
@@ -256,7 +258,7 @@ def _as_spec(target: str | None, stretch: float) -> str:
     return f", as in --target {known.spec}"
 
 
-def _points_check(points: BoardPoints) -> Check:
+def _points_check(points: BoardPoints, door: str) -> Check:
     if points.left_out:
         named = ", ".join(str(i) for i in points.left_out[:_MOST_NAMED])
         more = f" and {len(points.left_out) - _MOST_NAMED} more" if len(points.left_out) > _MOST_NAMED else ""
@@ -276,6 +278,6 @@ def _points_check(points: BoardPoints) -> Check:
         return Check(POINTS, status, f"{told}, which the uncertainties hold", points.rms_mm)
     message = (
         f"{told}, and move the camera by {points.shift**0.5:.2g} of its sigma: look at the print and how it was cut; "
-        "--target-shape free estimates every point"
+        f"{door} free estimates every point"
     )
     return Check(POINTS, status, message, points.rms_mm)

@@ -13,7 +13,7 @@ to first order, which is what small faults need; a large one is seen as well, it
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -336,3 +336,15 @@ def lens_shift(scores: ViewScores, shift: Array) -> float:
     chosen = scores.parameter_indices[at]
     C = camera.covariance[np.ix_(chosen, chosen)]
     return float(shift[at] @ np.linalg.lstsq(C, shift[at], rcond=None)[0]) / len(at)
+
+
+def as_photos_make_it(scores: ViewScores) -> ViewScores:
+    """The scores of a lens whose covariance holds, beside what is stated, what the views scatter among each other: a
+    robot makes a lens look more certain than its photos are, and what they do to it is no less for that."""
+    n, camera = len(scores), scores.camera
+    found = estimate(scores, scores.lens, np.ones((n, len(scores.lens))), leave_out=True)
+    if found is None or found.moved is None or camera.covariance is None:
+        return scores
+    covariance = camera.covariance.copy()
+    covariance[np.ix_(scores.parameter_indices, scores.parameter_indices)] += (n - 1) / n * found.moved.T @ found.moved
+    return replace(scores, camera=replace(camera, covariance=covariance))

@@ -23,6 +23,8 @@ LOOP_WARN, LOOP_FAIL = 0.05, 0.30
 SCALE_SIGMAS = 3.0
 SCALE_WARN = 0.005
 """A printed board is off by up to 0.5 % (a printer's scaling, paper and humidity); more is a wrong size."""
+SCALE_FAIL = 1.1
+"""A page that is fitted to its paper shrinks by up to 6 %; more than a tenth is another target, or of unknown scale."""
 NOTHING = 0.001
 """Millimetres and degrees: the finest that makers state of a robot's repeatability is ten times that."""
 FEW_USED_SHARE = 2 / 3
@@ -146,6 +148,9 @@ def scale_check(scale: Measured | None, at_that_size: tuple[float, float] | None
         (mm, deg), (now_mm, now_deg) = at_that_size, loop.rms
         text += f"; at that size the loop closes to {mm:.3g} mm / {deg:.2g} deg instead of {now_mm:.3g} mm / "
         text += f"{now_deg:.2g} deg"
+    if max(scale.value, 1 / scale.value) > SCALE_FAIL:
+        message = f"{text}: give its real size, or --target-scale free for one that nobody knows"
+        return Check("target-size", "fail", message, scale.value)
     return Check("target-size", "warn", f"{text}: measure the target, all distances scale with it", scale.value)
 
 

@@ -91,6 +91,10 @@ def examine(case: Case) -> Examination:
         current = _repaired(current, ask(current), found)
     for _ in range(MOST_ROUNDS):
         proposals = [f for ask in EXPLAINING for f in _asked(ask, current)]
+        # What nobody can repair is said once, and keeps nothing else from being found.
+        said = {f.name for f in found}
+        found += [f for f in proposals if f.repair is None and f.name not in said]
+        proposals = [f for f in proposals if f.repair is not None]
         if not proposals:
             proposals = bad_views.examine(current)
             if not proposals:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from calibrant.arrays import Array
 from calibrant.calibrate.cell.loop.fit import LoopFit, Model, fit_loop
-from calibrant.calibrate.cell.starts.robust import log_misfit
+from calibrant.calibrate.cell.starts.robust import log_misfit, relative_angles
 from calibrant.diagnose.doctor.evidence.case import Case, loop_of
 from calibrant.diagnose.doctor.evidence.finding import Finding
 from calibrant.diagnose.doctor.evidence.loop import Evidence, Loop
@@ -38,6 +38,11 @@ TRIED = 3
 BETTER = 1.5
 """The loop must become 1.5 times narrower: drift and bending of an arm favour two places over one by tens of per
 cent."""
+ARM_ERRS_MM, ARM_ERRS_DEG = 5.0, 0.5
+"""What the geometry of an arm that nobody identified errs by from one posture to another: some millimetres at worst."""
+APART = 2.0
+"""A part of the views is of another posture where its poses are turned away from all others by twice what these are
+turned from their nearest: the arm's error there is one draw, however many views share it."""
 CLEAR = 1e3
 """How many times more likely target or camera must be for the doctor to say which."""
 
@@ -155,6 +160,14 @@ def _middle(T: Array) -> Array:
     return some[int(np.argmin(gaps.sum(axis=1)))]
 
 
+def _apart(case: Case, part: NDArray[np.bool_]) -> bool:
+    """True where no view (n,) of the part is turned nearly as any of the others are."""
+    angles = relative_angles(case.data.T_base_gripper[case.index])
+    np.fill_diagonal(angles, np.inf)
+    among = np.median(angles[np.ix_(~part, ~part)].min(axis=1))
+    return bool(angles[np.ix_(part, ~part)].min() > APART * among)
+
+
 def _moved_finding(case: Case, best: _Split, splits: list[_Split], single: LoopFit, p: float, gain: float) -> Finding:
     n, k = len(case.index), best.first
     rival = min((s.misfit for s in splits if s.what != best.what), default=np.inf)
@@ -169,6 +182,14 @@ def _moved_finding(case: Case, best: _Split, splits: list[_Split], single: LoopF
     else:
         thing = f"the target or the camera moved (the {best.what} by {text}; the data do not tell which of the two)"
     shorter = range(k) if k < n - k else range(k, n)
+    if mm <= ARM_ERRS_MM and deg <= ARM_ERRS_DEG and _apart(case, np.isin(np.arange(n), list(shorter))):
+        which = f"the {len(shorter)} views {'up to ' + case.ids[k - 1] if k < n - k else 'from ' + case.ids[k] + ' on'}"
+        message = (
+            f"{which} put the {best.what} {text} from where the others put it. Either it moved, or the arm errs by as "
+            "much there: no other view has the gripper turned nearly so, and the data do not tell; take "
+            "some more in between"
+        )
+        return Finding(f"{best.what}-moved", "warn", message, confidence(p), evidence, (case.ids[k - 1], case.ids[k]))
     rows = [int(case.index[i]) for i in shorter]
     kept = f"the {n - len(rows)} views {'from ' + case.ids[k] + ' on' if k < n - k else 'up to ' + case.ids[k - 1]}"
     reason = f"left out: {thing} between {case.ids[k - 1]} and {case.ids[k]}"

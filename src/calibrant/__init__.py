@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from calibrant.tasks.verbs import tool_touch as tool_touch
     from calibrant.tasks.verbs import undistort as undistort
     from calibrant.tasks.verbs import vanishing as vanishing
+    from calibrant.tasks.verbs import verify_unchanged as verify_unchanged
 
     read = result_file.read_result
 
@@ -99,6 +100,7 @@ _PUBLIC = {
     "tool_self_visibility": ("calibrant.tasks.verbs", "tool_self_visibility"),
     "tool_touch": ("calibrant.tasks.verbs", "tool_touch"),
     "vanishing": ("calibrant.tasks.verbs", "vanishing"),
+    "verify_unchanged": ("calibrant.tasks.verbs", "verify_unchanged"),
     "write_report": ("calibrant.reports.html", "write_report"),
 }
 

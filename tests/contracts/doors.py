@@ -95,6 +95,10 @@ def _undistort(files: Files) -> Options:
     return {"images": [files.images / "00.png"], "camera": files.camera, "out": straight, "force": True}
 
 
+def _verify_unchanged(files: Files) -> Options:
+    return {"result": files.camera, "images": [files.images / "00.png"], "target": TARGET}
+
+
 CASES: Mapping[str, Callable[[Files], Options]] = {
     "detect": _detect,
     "intrinsics": _intrinsics,
@@ -104,6 +108,7 @@ CASES: Mapping[str, Callable[[Files], Options]] = {
     "vanishing": _vanishing,
     "capture": _capture,
     "undistort": _undistort,
+    "verify unchanged": _verify_unchanged,
 }
 """Options by command, as Python takes them: a line for every command that gives a result."""
 ANSWERS: Mapping[str, Options] = {

@@ -31,6 +31,7 @@ from calibrant.data import (
 from calibrant.data.details import (
     DETAILS,
     BentTarget,
+    Changes,
     Deviations,
     Expectation,
     Fault,
@@ -42,8 +43,11 @@ from calibrant.data.details import (
     MarkedPoints,
     ModelCandidate,
     ModelChoice,
+    PhotoShift,
     PictureRegion,
     PlannedPose,
+    PossibleChange,
+    ReferencePicture,
     RobotParameter,
     RobotParameters,
     SharedErrors,
@@ -86,6 +90,16 @@ def details() -> tuple[object, ...]:
             {"q1": "rad"},
             obstacles=True,
         ),
+        Changes(
+            "changed",
+            "push it back",
+            (
+                PossibleChange("camera", True, 1e-9, 1 / 3, "moved", (1 / 3, 0.0, 0.1), (0.1, 0.1, 0.1)),
+                PossibleChange("lens", False, 0.1, 1e-9, ""),
+            ),
+            (PhotoShift("0", (640, 480), ((1.5, 1 / 3), (2.0, 3.0)), ((1.0, 0.1), (2.5, 3.5)), "0.png"),),
+        ),
+        ReferencePicture("then.png", (640, 480), "aGVsbG8="),
     )
 
 

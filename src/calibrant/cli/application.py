@@ -21,7 +21,7 @@ HELP = ("--help", "-h")
 OPTIONS = (*HELP, "--version", "--install-completion")
 ORDER = (
     *("demo", "target", "detect", "capture", "intrinsics", "hand-eye", "pose", "doctor", "kinematics", "next-pose"),
-    *("time-offset", "dynamic", "vanishing", "undistort", "report", "tool", "study"),
+    *("time-offset", "dynamic", "vanishing", "undistort", "report", "verify", "tool", "study"),
 )
 """How the list of commands is sorted: as a person meets them."""
 INTERRUPTED = "interrupted; no result was written"

@@ -221,6 +221,58 @@ class ViewPlan:
     obstacles: bool = False
 
 
+@dataclass(frozen=True)
+class PossibleChange:
+    """Something that may have changed since a calibration, and how well it explains the photos.
+
+    chance: of as much where nothing changed; fits: chance of photos that differ as much from this explanation; words:
+    by how much, with 1 sigma; moved_mm, turned_deg: along and about the camera's axes of then (right, down, forward).
+    """
+
+    what: str
+    explains: bool
+    chance: float
+    fits: float
+    words: str
+    moved_mm: Triple | None = None
+    moved_sigma_mm: Triple | None = None
+    turned_deg: Triple | None = None
+    turned_sigma_deg: Triple | None = None
+
+
+@dataclass(frozen=True)
+class PhotoShift:
+    """Where points of a photo should be and where they are, pixels. file: the photo; empty where it has none."""
+
+    id: str
+    image_size: tuple[int, int]
+    expected_px: tuple[tuple[float, float], ...]
+    found_px: tuple[tuple[float, float], ...]
+    file: str = ""
+
+
+@dataclass(frozen=True)
+class Changes:
+    """What `verify unchanged` found: the answer, what to do, what may have changed, the best first, and the photos."""
+
+    answer: str
+    advice: str
+    possible: tuple[PossibleChange, ...]
+    photos: tuple[PhotoShift, ...]
+
+
+@dataclass(frozen=True)
+class ReferencePicture:
+    """A small grey copy of a photo, by which later ones tell whether the camera was pushed.
+
+    image_size: (width, height) of the photo; jpeg: the copy, base64.
+    """
+
+    name: str
+    image_size: tuple[int, int]
+    jpeg: str
+
+
 DETAILS: Mapping[str, type] = {
     "robot_parameters": RobotParameters,
     "joint_axes": JointAxes,
@@ -234,5 +286,7 @@ DETAILS: Mapping[str, type] = {
     "valid_region": PictureRegion,
     "plan": ViewPlan,
     "marked_points": MarkedPoints,
+    "changes": Changes,
+    "reference": ReferencePicture,
 }
 """The key of each record in a result file."""

@@ -13,7 +13,7 @@ from calibrant.reports.kinds.registry import kind_of
 from calibrant.reports.page import asset, render
 from calibrant.reports.parts.blocks import Block, Page
 from calibrant.reports.sections import sections
-from calibrant.reports.words import VERDICT_WORDS, title, verdict_sentence
+from calibrant.reports.words import title, verdict_sentence, verdict_word
 
 
 def write_report(
@@ -50,7 +50,7 @@ def result_head(result: CalibrationResult, blocks: Sequence[Block] = ()) -> Page
     return Page(
         title(result),
         result.verdict,
-        VERDICT_WORDS[result.verdict],
+        verdict_word(result),
         verdict_sentence(result),
         kind_of(result).headline(result),
         blocks,

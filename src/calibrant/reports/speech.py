@@ -8,7 +8,7 @@ from textwrap import shorten
 from calibrant.data import CalibrationResult, Check
 from calibrant.reports.kinds.registry import kind_of
 from calibrant.reports.parts.blocks import Block
-from calibrant.reports.words import STATUS_WORDS, VERDICT_WORDS, accuracy, sorted_checks, title
+from calibrant.reports.words import STATUS_WORDS, accuracy, sorted_checks, title, verdict_word
 
 WIDTH = 80
 """Columns of a summary: what every terminal has."""
@@ -21,7 +21,7 @@ _LINE = 96
 def brief(result: CalibrationResult) -> str:
     """What it is, the verdict, the figures that count, and the checks that warn, a line each: some ten lines."""
     known = f" {accuracy(result)}" if result.verdict != "refused" else ""
-    lines = [title(result), f"{VERDICT_WORDS[result.verdict]}.{known}"]
+    lines = [title(result), f"{verdict_word(result)}.{known}"]
     facts = kind_of(result).headline(result)
     wide = max((len(fact.name) for fact in facts), default=0)
     lines += [f"  {fact.name:<{wide}}  {f'{fact.value} {fact.text}'.strip()}" for fact in facts]

@@ -39,10 +39,10 @@ from calibrant.reports.parts.rows import ViewRow, view_rows
 from calibrant.reports.words import (
     FEW,
     STATUS_WORDS,
-    VERDICT_WORDS,
     sorted_checks,
     title,
     verdict_sentence,
+    verdict_word,
 )
 
 _STATUS_STYLES = {"ok": "green", "warn": "yellow", "fail": "bold red"}
@@ -242,7 +242,7 @@ def _checks(checks: Sequence[Check], *, said: Sequence[str], verbose: bool) -> R
 
 def _verdict(result: CalibrationResult) -> Text:
     style = _VERDICT_STYLES[result.verdict]
-    return Text.assemble((f"Verdict: {VERDICT_WORDS[result.verdict]}.", style), f" {verdict_sentence(result)}")
+    return Text.assemble((f"Verdict: {verdict_word(result)}.", style), f" {verdict_sentence(result)}")
 
 
 def _optional(value: float | None) -> str:

@@ -12,8 +12,8 @@ import numpy as np
 from calibrant.arrays import Indices
 from calibrant.data import CalibrationResult, View
 from calibrant.diagnose.loop import LoopView, by_view
+from calibrant.reports.parts.pictures import data_uris
 from calibrant.reports.parts.rows import ViewRow, view_rows
-from calibrant.reports.pictures import data_uris
 
 if TYPE_CHECKING:
     from calibrant.diagnose.look import ViewResiduals

@@ -19,6 +19,11 @@ def title(result: CalibrationResult) -> str:
     return kind_of(result).title
 
 
+def verdict_word(result: CalibrationResult) -> str:
+    """The verdict in one word, or three."""
+    return kind_of(result).verdicts.get(result.verdict, VERDICT_WORDS[result.verdict])
+
+
 def sorted_checks(result: CalibrationResult) -> list[Check]:
     """The checks, the worst first."""
     return sorted(result.checks, key=lambda check: _SEVERITY[check.status])

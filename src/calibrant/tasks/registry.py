@@ -75,10 +75,12 @@ TASKS = {
     "tool self-visibility": Entry(
         "robots.tool_self_visibility", "Where a hand camera sits, from one photo of the gripper it sees."
     ),
+    "verify unchanged": Entry("verify.unchanged", "Is a calibration still good? One to three photos tell."),
 }
 """Every command by its words: "intrinsics", "tool touch"."""
 GROUPS = {
     "tool": "Find a tool's tip, by touch or by sight, or a hand camera from the gripper it sees.",
+    "verify": "Show whether a calibration holds.",
     "study": "Experiments to learn from: what each method gives, and when it fails.",
 }
 """What each group of commands is about: the first word of those that have two."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from calibrant.data import CalibrationResult
@@ -32,9 +32,9 @@ class Kind:
 
     headline: the few figures that answer "how good is it". answer: one sentence that says how well what was asked for
     is known, empty where nothing says so. facts: errors and noise. rows: what the rows of the result are, in the
-    plural. tables: what only this kind has. said: how names of checks begin whose message is an answer,
-    shown though they passed. page
-    and terminal: in place of the parts that other kinds have, for a kind that is no calibration.
+    plural. tables: what only this kind has. said: how names of checks begin whose message is an answer, shown though
+    they passed. page and terminal: in place of the parts that other kinds have, for a kind that is no calibration.
+    verdicts: own words for "ok", "warn" and "refused", where GOOD and DO NOT USE do not fit.
     """
 
     title: str
@@ -46,3 +46,4 @@ class Kind:
     said: tuple[str, ...] = ()
     page: Callable[[Look], list[Block]] | None = None
     terminal: Callable[[CalibrationResult], list[RenderableType]] | None = None
+    verdicts: Mapping[str, str] = field(default_factory=dict)

@@ -18,6 +18,7 @@ from calibrant.reports.kinds import (
     self_visibility,
     time_offset,
     tool,
+    unchanged,
     undistorted,
     vanishing,
 )
@@ -38,6 +39,7 @@ KINDS: Mapping[str, Kind] = {
     "pose": pose.KIND,
     "vanishing": vanishing.KIND,
     "undistorted": undistorted.KIND,
+    "unchanged": unchanged.KIND,
     "observations": observations.KIND,
 }
 

@@ -1,0 +1,1 @@
+"""Commands that show whether a calibration holds."""

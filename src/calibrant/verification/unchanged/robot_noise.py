@@ -1,0 +1,153 @@
+"""The robot's side of a hand-eye result: camera and target with their covariance, and how far a new pose may be off.
+
+The noise of a pose is what the calibration found, enlarged where the views that it kept out of its fit were farther off
+than that noise and the calibration's covariance together explain (each, radians and metres, per axis):
+
+    extra^2 = (held-out rms^2 - predicted mean square) / 3
+
+Errors of a robot's geometry are smooth: photos taken near each other err alike. The correlation rho of neighbouring
+views of the calibration (lag 1, two sigma above what was found) says how much of the variance new photos may share.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibrant.arrays import Array
+from calibrant.calibrate.cell.problem.layout import Pictures
+from calibrant.calibrate.cell.stated import cell_layout
+from calibrant.calibrate.pose.target_poses import target_poses
+from calibrant.calibrate.reprojection.links import Link, link_maps, product
+from calibrant.calibrate.reprojection.outliers import median
+from calibrant.data import CalibrationResult, View
+from calibrant.diagnose.budget.cell import ErrorBudget, cell_budgets
+from calibrant.errors import InputError, RefusedError
+from calibrant.geometry import se3
+
+FEWEST = 4
+"""Views below which neighbours say nothing of each other."""
+
+
+@dataclass(frozen=True, eq=False)
+class RobotSide:
+    """X and Z of A X B = Z with the covariance (12 + k, 12 + k) of (X, Z, lens), the noise of a robot pose (radians,
+    metres, per axis), which part of its variance photos share, 0 to 1, and how many views it was found from beyond the
+    two that camera and target take."""
+
+    in_hand: bool
+    X: Array
+    Z: Array
+    covariance: Array
+    rotation: float
+    translation: float
+    alike: float
+    freedom: float = 1.0
+
+    @property
+    def X_inverse(self) -> Array:
+        """The camera's parent in the camera."""
+        return se3.inverse(self.X)
+
+    def roots(self, photos: int) -> tuple[Array, Array]:
+        """Square roots (6, 6) of a pose's own covariance and of the one it shares with the other photos."""
+        sigma = np.repeat([self.rotation, self.translation], 3)
+        alike = self.alike if photos > 1 else 0.0
+        return np.diag(sigma * np.sqrt(1 - alike)), np.diag(sigma * np.sqrt(alike))
+
+    def predicted(self, T_base_gripper: Array) -> Array:
+        """T_camera_target (m, 4, 4) that robot poses (m, 4, 4) give."""
+        A = se3.inverse(T_base_gripper) if self.in_hand else T_base_gripper
+        return self.X_inverse @ A @ self.Z
+
+
+def robot_side(result: CalibrationResult, camera: str) -> RobotSide:
+    """The side of one camera of a hand-eye result on one robot.
+
+    Raises: InputError for a result without the data it was made from, of several robots, of a camera that no robot
+    moves and whose target none moves.
+    """
+    layout = cell_layout(result)
+    if layout is None or result.robot_poses is None:
+        raise InputError(
+            "the result does not hold the photos' points and the robot's poses that it was made from; calibrate again "
+            "from photos with this version, then verify against that result"
+        )
+    pictures = next((p for p in layout.pictures if p.camera == camera and p.seen is not None), None)
+    if pictures is None or not pictures.movers:
+        raise InputError(f"camera {camera!r} has no robot between itself and a target in this result; give --reference")
+    if len(layout.robots) != 1:
+        raise InputError(
+            f"the result is of {len(layout.robots)} robots; `verify unchanged --poses` compares with one robot: give "
+            "--reference, a photo of the calibration's day, instead"
+        )
+    try:
+        budget = cell_budgets(result, target_sigma=0.0)[camera].budget
+    except RefusedError as error:
+        raise InputError(f"the result states no uncertainty to compare with: {error}") from error
+    if budget.noise is None or budget.camera is None:
+        raise InputError("the result was made from target poses, not photos: it holds no camera to compare photos with")
+    said = layout.robots[pictures.robot]
+    return _with_errors(result, budget, pictures, dict(zip(said.ids, said.T_base_gripper)))
+
+
+def _with_errors(
+    result: CalibrationResult, budget: ErrorBudget, pictures: Pictures, poses: dict[str, Array]
+) -> RobotSide:
+    """The side with the noise that the calibration's own views bear out."""
+    in_hand = pictures.setup == "eye-in-hand"
+    noise = budget.noise
+    if noise is None or pictures.seen is None:
+        raise InputError("the result holds no noise of its robot")
+    C = budget.covariance
+    side = RobotSide(in_hand, budget.X, budget.Z, C, noise.robot_rotation, noise.robot_translation, 0.0)
+    views = [v for v in pictures.seen.views if v.moment in poses and len(v) >= 4]
+    A = np.stack([poses[v.moment] for v in views])
+    steps, of_all, of_pose = _loop(side, budget, views, A, noise.pixel)
+    held = result.held_out
+    rotation, translation = side.rotation, side.translation
+    if held is not None and held.deg is not None and held.mm is not None and len(result.cameras) == 1:
+        turned = np.mean(np.trace(of_all[:, :3, :3], axis1=1, axis2=2))
+        extra = max(np.deg2rad(held.deg) ** 2 - turned, 0.0) / 3
+        rotation = float(np.hypot(rotation, np.sqrt(extra)))
+        # A pose that is turned moves the target with it.
+        more = extra * np.mean(np.sum(of_pose[:, 3:, :3] ** 2, axis=(1, 2)))
+        moved = np.mean(np.trace(of_all[:, 3:, 3:], axis1=1, axis2=2)) + more
+        translation = float(np.hypot(translation, np.sqrt(max((1e-3 * held.mm) ** 2 - moved, 0.0) / 3)))
+    freedom = max(len(views) - 2.0, 1.0)
+    return RobotSide(in_hand, budget.X, budget.Z, C, rotation, translation, _alike(steps, of_all), freedom)
+
+
+def _loop(
+    side: RobotSide, budget: ErrorBudget, views: list[View], A: Array, sigma_px: float
+) -> tuple[Array, Array, Array]:
+    """Of every view of the calibration: how far its target is from where the robot puts it, (n, 6), what is to be
+    expected of a view that was kept out, (n, 6, 6), and what an error of the pose does to it, (n, 6, 6)."""
+    once = np.zeros(len(views), dtype=np.int64)
+    links = [Link("X", once, True), Link("A", once, side.in_hand), Link("Z", once)]
+    values = [np.broadcast_to(side.X, A.shape), A, np.broadcast_to(side.Z, A.shape)]
+    of_X, of_A, of_Z = (np.broadcast_to(M, (len(views), 6, 6)) for M in link_maps(links, values))
+    camera = budget.camera
+    if camera is None:
+        raise InputError("the result holds no camera")
+    found = target_poses(camera, views)
+    steps = se3.local(product(links, values), found.T_camera_target)
+    J = np.concatenate([of_X, of_Z], axis=-1)
+    of_robot = np.diag(np.repeat([side.rotation, side.translation], 3) ** 2)
+    expected = J @ side.covariance[:12, :12] @ np.swapaxes(J, -1, -2) + of_A @ of_robot @ np.swapaxes(of_A, -1, -2)
+    return steps, expected + sigma_px**2 * found.covariance, of_A
+
+
+def _alike(steps: Array, expected: Array) -> float:
+    """Correlation of neighbouring views' errors, two sigma above what was found, 0 to 1; robust against single views
+    that are far off."""
+    n = len(steps)
+    if n < FEWEST:
+        return 1.0
+    root = np.linalg.cholesky(expected + 1e-18 * np.eye(6))
+    white = np.linalg.solve(root, steps[..., None])[..., 0]
+    length = np.linalg.norm(white, axis=1)
+    white = white / np.maximum(length / max(3 * median(length), 1e-12), 1.0)[:, None]
+    lag = float(np.sum(white[1:] * white[:-1]) / max(np.sum(white**2), 1e-12))
+    return float(np.clip(lag + 2 / np.sqrt(6 * (n - 1)), 0.0, 1.0))

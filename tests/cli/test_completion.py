@@ -47,6 +47,10 @@ def test_commands_and_options(script: Path) -> None:
 
 def test_words_to_choose_from(script: Path) -> None:
     assert offered(script, "intrinsics", "--target-shape", "") == ["flat", "paraboloid", "free"]
+    assert "kannala_brandt" in offered(script, "intrinsics", "--model", "")
+    assert offered(script, "hand-eye", "--setup", "eye-i") == ["eye-in-hand"]
+    assert offered(script, "doctor", "--setup", "eye-i") == ["eye-in-hand"]
+    assert offered(script, "hand-eye", "--robot-format", "k") == ["kuka", "kawasaki"]
 
 
 @pytest.mark.parametrize("before", [["intrinsics"], ["hand-eye", "--images"], ["hand-eye", "--poses"], ["report"]])

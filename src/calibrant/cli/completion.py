@@ -62,6 +62,8 @@ def _completed_kind(field: Field) -> Any:
     """The type by which cyclopts completes a field's value."""
     if field.option.metavar.startswith(FILES):
         return tuple[Path, ...] if field.many and not field.option.positional else Path
-    if "|" in field.option.metavar:
-        return Literal[tuple(field.option.metavar.split("|"))]
+    words = field.option.choices or (tuple(field.option.metavar.split("|")) if "|" in field.option.metavar else ())
+    if words:
+        one: Any = Literal[words]
+        return tuple[one, ...] if field.many else one
     return str if field.many and field.option.positional else field.kind

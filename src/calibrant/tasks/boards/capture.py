@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from calibrant.cancel import checkpoint
 from calibrant.errors import InputError, RefusedError
 from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.choices import MODELS
 from calibrant.tasks.options.option import Option
 from calibrant.tasks.options.words import pixels
 from calibrant.tasks.outcome import Document, Outcome
@@ -57,7 +58,7 @@ class Request:
     """Keep the pictures taken in this new folder."""
     until: Annotated[str, Option("SIGMA")] = "1px"
     """Stop when fx, fy, cx and cy are known to this (1 sigma), and no check asks for more views."""
-    model: Annotated[str, Option("NAME")] = "brown"
+    model: Annotated[str, Option("NAME", choices=MODELS)] = "brown"
     """Camera model, as of intrinsics."""
 
 

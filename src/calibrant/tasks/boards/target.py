@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.choices import PAGES
 from calibrant.tasks.options.option import Option
 from calibrant.tasks.outcome import Document, Outcome
 
@@ -31,7 +32,7 @@ class Request:
     """The target, e.g. charuco:5x7:40mm:20mm:DICT_6X6_250."""
     out: Annotated[Path, Option("FILE", "-o", output="file")]
     """The file to write: .pdf, .svg or .png."""
-    page: Annotated[str, Option("NAME")] = "auto"
+    page: Annotated[str, Option("NAME", choices=PAGES)] = "auto"
     """auto, fit, a4, a3, a2, a1, a0, letter or tabloid."""
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
+from calibrant.tasks.options.choices import MODELS
 from calibrant.tasks.options.option import Option
 
 
@@ -13,7 +14,7 @@ from calibrant.tasks.options.option import Option
 class LensOptions:
     """The camera that is calibrated."""
 
-    model: Annotated[str, Option("NAME")] = "brown"
+    model: Annotated[str, Option("NAME", choices=MODELS)] = "brown"
     """Camera model: pinhole, pinhole_skew, brown, rational, thin_prism, tilted, inverse_brown, division,
     kannala_brandt, unified, extended_unified, double_sphere, orthographic, splined (or splined:16x12:120deg), or auto:
     chosen by held-out photos."""

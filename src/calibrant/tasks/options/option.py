@@ -11,7 +11,8 @@ class Option:
 
     metavar: what its value is called in help; short: its short form, "-t"; positional: given without a name;
     names: its values are parameters' names, so that a word that can be none ends them; output: "file" or "folder" for
-    one that is written, "either" for one that is the file of one picture or the folder of several.
+    one that is written, "either" for one that is the file of one picture or the folder of several; choices: words that
+    a shell offers, though others may be taken.
     """
 
     metavar: str = ""
@@ -19,3 +20,4 @@ class Option:
     positional: bool = False
     names: bool = False
     output: str = ""
+    choices: tuple[str, ...] = ()

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
+from calibrant.tasks.options.choices import ANGLES, ROTATIONS, TARGET_DIRECTIONS, UNITS
+from calibrant.tasks.options.choices import DIRECTIONS as ROBOT_DIRECTIONS
 from calibrant.tasks.options.option import Option
 
 if TYPE_CHECKING:
@@ -22,11 +24,11 @@ DIRECTIONS = ("auto", "camera-target", "target-camera")
 class NotationOptions:
     """How poses are written; auto: decided from the data."""
 
-    pose_units: Annotated[str, Option("UNIT")] = "auto"
+    pose_units: Annotated[str, Option("UNIT", choices=UNITS)] = "auto"
     """Unit of positions: auto, m, mm, cm or in."""
-    pose_rotation: Annotated[str, Option("FORM")] = "auto"
+    pose_rotation: Annotated[str, Option("FORM", choices=ROTATIONS)] = "auto"
     """auto, quat-xyzw, quat-wxyz, rotvec, euler:ZYX, euler:xyz …, matrix."""
-    pose_angle: Annotated[str, Option("UNIT")] = "auto"
+    pose_angle: Annotated[str, Option("UNIT", choices=ANGLES)] = "auto"
     """auto, deg or rad."""
 
 
@@ -34,7 +36,7 @@ class NotationOptions:
 class PoseOptions(NotationOptions):
     """How robot poses are written; auto: decided from the data."""
 
-    pose_direction: Annotated[str, Option("NAME")] = "auto"
+    pose_direction: Annotated[str, Option("NAME", choices=ROBOT_DIRECTIONS)] = "auto"
     """auto, base-gripper or gripper-base."""
 
     def read(self, files: Sequence[str], arm: RobotOptions) -> RawPoses:
@@ -51,7 +53,7 @@ class PoseOptions(NotationOptions):
 class TouchPoseOptions(PoseOptions):
     """How robot poses are written in which a tool touches a point."""
 
-    pose_direction: Annotated[str, Option("NAME")] = "base-gripper"
+    pose_direction: Annotated[str, Option("NAME", choices=ROBOT_DIRECTIONS[1:])] = "base-gripper"
     """base-gripper or gripper-base: inverted poses close as well."""
 
 
@@ -61,9 +63,9 @@ class TargetPoseOptions:
 
     target_poses: Annotated[tuple[str, ...], Option("FILES")] = ()
     """Poses of the target in the camera, instead of photos."""
-    target_pose_rotation: Annotated[str, Option("FORM")] = "auto"
+    target_pose_rotation: Annotated[str, Option("FORM", choices=ROTATIONS)] = "auto"
     """How the rotations of --target-poses are written, where the data cannot tell: as --pose-rotation."""
-    target_pose_direction: Annotated[str, Option("NAME")] = "auto"
+    target_pose_direction: Annotated[str, Option("NAME", choices=TARGET_DIRECTIONS)] = "auto"
     """auto (camera-target, doubted where no camera could see it), camera-target (T_camera_target) or target-camera."""
     target_scale: Annotated[str, Option("NUMBER")] = "1"
     """What the target's lengths are multiplied by; free: found by the robot's motion (tracks of unknown scale)."""

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from calibrant.errors import InputError
+from calibrant.tasks.options.choices import ANGLES, MAKERS
 from calibrant.tasks.options.option import Option
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 class RobotOptions:
     """The robot, where its poses are joint values, and the maker's way to write poses."""
 
-    robot_format: Annotated[str | None, Option("MAKER")] = None
+    robot_format: Annotated[str | None, Option("MAKER", choices=MAKERS)] = None
     """How poses are written: ur, franka, kuka, fanuc, abb, yaskawa, staubli, kawasaki."""
     robot: Annotated[str | None, Option("FILE")] = None
     """The robot, where joint values are given: URDF, DH table (YAML), or a name such as ur5e."""
@@ -25,7 +26,7 @@ class RobotOptions:
     """URDF: the link that ends the chain."""
     robot_base: Annotated[str | None, Option("NAME")] = None
     """URDF: the link that starts the chain."""
-    joint_angle: Annotated[str, Option("UNIT")] = "auto"
+    joint_angle: Annotated[str, Option("UNIT", choices=ANGLES)] = "auto"
     """auto (by the limits), deg or rad."""
 
     def chain(self) -> ParametricChain | None:

@@ -13,6 +13,7 @@ from calibrant.errors import InputError, RefusedError
 from calibrant.tasks.inputs import session
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.cameras import KnownCameraOptions, LensOptions
+from calibrant.tasks.options.choices import SETUPS
 from calibrant.tasks.options.images import NamedPhotoOptions, PointsOptions, SearchOptions
 from calibrant.tasks.options.option import Option
 from calibrant.tasks.options.poses import PoseOptions, TargetPoseOptions
@@ -47,7 +48,7 @@ class Request:
     points: PointsOptions = PointsOptions()
     measured: TargetPoseOptions = TargetPoseOptions()
     known: KnownCameraOptions = KnownCameraOptions()
-    setup: Annotated[str, Option("SETUP")] = "auto"
+    setup: Annotated[str, Option("SETUP", choices=SETUPS)] = "auto"
     """auto, eye-in-hand or eye-to-hand."""
     form: PoseOptions = PoseOptions()
     arm: RobotOptions = RobotOptions()

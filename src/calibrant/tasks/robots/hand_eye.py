@@ -10,6 +10,7 @@ from calibrant.errors import InputError
 from calibrant.tasks.inputs import session
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.cameras import LensOptions
+from calibrant.tasks.options.choices import METHODS, SETUPS
 from calibrant.tasks.options.images import CornerOptions, PointsOptions, SearchOptions
 from calibrant.tasks.options.option import Option
 from calibrant.tasks.options.poses import PoseOptions, TargetPoseOptions
@@ -51,14 +52,14 @@ class Request:
     measured: TargetPoseOptions = TargetPoseOptions()
     camera: Annotated[tuple[str, ...], Option("FILE")] = ()
     """Known camera (any format), of several NAME=FILE; without it the photos calibrate it."""
-    setup: Annotated[tuple[str, ...], Option("SETUP")] = ()
+    setup: Annotated[tuple[str, ...], Option("SETUP", choices=SETUPS)] = ()
     """auto (the default), eye-in-hand or eye-to-hand; of one of several cameras: NAME=SETUP, or NAME=standing for a
     camera and a board that both stand beside the robot."""
     form: PoseOptions = PoseOptions()
     arm: RobotOptions = RobotOptions()
     identify: Annotated[tuple[str, ...], Option("GROUPS")] = ()
     """With --robot and joint values: find the robot's own errors too: offsets, gear, coupling, geometry."""
-    method: Annotated[str, Option("NAME")] = "joint"
+    method: Annotated[str, Option("NAME", choices=METHODS)] = "joint"
     """joint (weighs pixels and robot, states its uncertainty), or a closed form: tsai, park, horaud, …"""
     name: Annotated[str, Option("NAME")] = "camera"
     """What the camera is called: its key under `cameras` and its frame in the result; of several, --images NAME=…."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from calibrant.errors import InputError
 from calibrant.tasks.inputs import session
 from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.choices import SETUPS
 from calibrant.tasks.options.option import Option
 from calibrant.tasks.options.words import pixels
 from calibrant.tasks.outcome import Document, Outcome, result_document
@@ -53,7 +54,7 @@ class Request:
     """Known camera, where there is no result."""
     target: Annotated[str | None, Option("SPEC", "-t")] = None
     """The board: chessboard:9x6:25mm (inner corners), charuco:5x7:36mm:18mm:DICT_6X6_250 (squares), or a file."""
-    setup: Annotated[str, Option("SETUP")] = "eye-in-hand"
+    setup: Annotated[str, Option("SETUP", choices=SETUPS[1:])] = "eye-in-hand"
     """eye-in-hand or eye-to-hand."""
     camera_at: Annotated[str | None, Option("PLACE")] = None
     """Roughly where the camera is: x, y, z, roll, pitch, yaw in the gripper (eye-in-hand) or the base."""

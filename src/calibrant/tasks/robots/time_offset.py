@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from calibrant.errors import InputError
 from calibrant.tasks.inputs import session
 from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.choices import SETUPS
 from calibrant.tasks.options.option import Option
 from calibrant.tasks.options.robots import RobotOptions
 from calibrant.tasks.outcome import Outcome
@@ -36,7 +37,7 @@ class Request:
     """Robot poses or joints with times."""
     target_poses: Annotated[Path, Option("FILE")]
     """Poses of the target in the camera with times."""
-    setup: Annotated[str, Option("SETUP")] = "eye-in-hand"
+    setup: Annotated[str, Option("SETUP", choices=SETUPS[1:])] = "eye-in-hand"
     """eye-in-hand or eye-to-hand."""
     largest: Annotated[str, Option("TIME")] = "2s"
     """The offset is searched to either side, e.g. 2s or 500ms."""

@@ -113,5 +113,11 @@ def test_the_circles_sheet_is_bent(shared_data: Callable[[str], Path]) -> None:
     folder = shared_data("handeye_rct_circles_eih")
     seen = cb.detect(sorted((folder / "images").glob("*.png")), target="circles:10x10:25.4mm:bigdot")
     check = cb.calibrate_intrinsics(seen).check("board-flatness")
-    assert "the board is bent by 1.4 ± 0.3 mm" in check.message
+    assert "the board is bent by 1.2 ± 0.2 mm" in check.message
     assert "--target-shape paraboloid" in check.message
+
+
+def test_a_print_that_is_askew_is_said() -> None:
+    check = cb.calibrate_intrinsics(_seen(18, BOARD + 0.004 * BOARD[:, [1]] * [1.0, 0.0, 0.0])).check("board-squares")
+    assert "the board's columns lean against its rows by 0.41 %" in check.message
+    assert check.value == pytest.approx(0.004, rel=0.15)

@@ -19,7 +19,7 @@ from calibrant.calibrate.review.view_scores import (
     estimate,
     everywhere,
     kept_columns,
-    own_lenses,
+    own_of_views,
     rows_of,
     view_scores,
 )
@@ -81,7 +81,7 @@ def test_own_lenses_of_clean_views_are_chi_square_and_leaving_out_bears_out_the_
     squares, freedom, ratios = 0.0, 0.0, []
     for seed in range(12):
         scores = _scores(calibrate_keeping(intrinsics_scene(16, seed=seed).observations).result)
-        lenses = own_lenses(scores)
+        lenses = own_of_views(scores, ZOOM, CENTRE)
         squares, freedom = squares + lenses.squares.sum(), freedom + lenses.freedom.sum()
         columns, own = kept_columns(scores, ZOOM, CENTRE)
         second = np.arange(16) % 2 == 1

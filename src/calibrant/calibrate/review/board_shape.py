@@ -1,12 +1,12 @@
 """Is the board what was said? Its flatness, its squares, its points, each a question to the scores of all views.
 
     board-flatness   heights a (1 - x^2) + b x y + c (1 - y^2), x and y in -1 ... 1 across the board: bent or twisted
-    board-squares    the board longer along x by a factor: a print whose squares are rectangles
+    board-squares    the board longer along x by a factor, or its columns askew: squares that are none
     board-points     the residual of each point on the board's own plane, the mean of all views (see `board_points`)
 
-The first two are unknowns beside the lens; what the views scatter among each other (each left out in turn) says how
-sure they are, and the lens found with them, over its stated sigma, whether it matters. A lens model that is too simple
-looks like a bent board: nothing is asked before the lens fits.
+The first two, and a shear of the image that looks alike, are unknowns beside the lens; what the views scatter among
+each other (each left out in turn) says how sure they are, and the lens found with them, over its sigma, whether it
+matters. A lens model that is too simple looks like a bent board: nothing is asked before the lens fits.
 
 Rectangles show by views at several rolls: a board that was never rolled gives the camera another fx / fy instead.
 """
@@ -17,33 +17,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibrant.arrays import Array, Indices
+from calibrant.arrays import Array
 from calibrant.calibrate.review.board_points import BoardPoints, board_points
+from calibrant.calibrate.review.faults import MATTERS, Fault, Found, fault, faults
 from calibrant.calibrate.review.view_scores import (
+    ASKEW,
     BEND,
     RADIAL,
+    SHEAR,
     STRETCH,
-    Estimate,
     Rows,
     ViewScores,
     estimate,
-    everywhere,
-    kept_columns,
-    lens_shift,
 )
 from calibrant.data import Check
 from calibrant.data.results import Status
 from calibrant.errors import InputError
-from calibrant.optimize.chances import chi2_tail, f_tail
 from calibrant.targets.chessboard import Chessboard
 from calibrant.targets.circles import Circles
 from calibrant.targets.registry import parse_target
 
 FLATNESS, SQUARES, POINTS, LENS = "board-flatness", "board-squares", "board-points", "lens-model"
-_CHANCE = 1e-3
-"""One false finding in a thousand boards whose views err alike; it warns only where it moves the camera as well."""
-_MATTERS = 1.0
-"""Squared shift of the lens over its sigma, per parameter: from here on a fault takes more than the sigma stated."""
 _TELLS = 3.0
 """Sigmas by which the data must tell square pixels on rectangles from rectangular pixels on squares."""
 _MOST_NAMED = 5
@@ -54,68 +48,40 @@ _PRINTED = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Fault:
-    """A column found beside the lens: its estimate and where in it, its covariance from the views' scatter, how much of
-    it the lens does not have already (0 to 1), the chance of as much on a perfect board, and the squared shift of
-    (fx, fy, cx, cy) over their sigma, per parameter."""
+class Asked:
+    """checks of the board; found: the faults that all views share, None where they were not asked."""
 
-    found: Estimate
-    own: Indices
-    covariance: Array
-    independent: float
-    chance: float
-    shift: float
-
-    @property
-    def value(self) -> Array:
-        return self.found.value[self.own]
-
-    @property
-    def squares(self) -> float:
-        """How much of the weighted squares it explains."""
-        return self.found.chi_square(self.own)
+    checks: tuple[Check, ...]
+    found: Found | None = None
 
 
-def board_checks(rows: Rows, scores: ViewScores, *, target: str | None, shaped: bool, door: str) -> tuple[Check, ...]:
+def ask_board(rows: Rows, scores: ViewScores, *, target: str | None, shaped: bool, door: str) -> Asked:
     """The checks of a flat board.
 
     Args: target, its spec where known; shaped, whether its shape was estimated; door, the option that would do so.
     """
     if not np.ptp(rows.stacked.points[:, 2]) <= 0.01 * np.ptp(rows.stacked.points, axis=0).max():
-        return ()  # a target with depth has no sheet that could bend
-    bend, stretch, radial = fault(scores, BEND), fault(scores, STRETCH), fault(scores, RADIAL)
-    if (
-        radial is not None
-        and radial.independent > _LACKED
-        and radial.chance < _CHANCE
-        and not _better(bend, radial)
-        and not _better(stretch, radial)
-    ):
-        return (_lens_check(scores, radial),)
-    # The stronger is asked first, the weaker beside it: each leaves a little of itself in the other.
-    if bend is not None and stretch is not None:
-        if bend.chance < min(stretch.chance, _CHANCE):
-            stretch = fault(scores, STRETCH, beside=BEND) or stretch
-        elif stretch.chance < _CHANCE:
-            bend = fault(scores, BEND, beside=STRETCH) or bend
-    real = [name for name, f in ((BEND, bend), (STRETCH, stretch)) if f is not None and f.chance < _CHANCE]
-    checks = [_squares_check(scores, stretch, target)]
-    if not shaped:
-        checks.insert(0, _flatness_check(bend, door))
-    points = board_points(rows, scores, tuple(real))
-    return (*checks, *([] if points is None else [_points_check(points, door)]))
-
-
-def _better(board: Fault | None, lens: Fault) -> bool:
-    """Whether a fault of the board explains the residuals better than one of the lens."""
-    return board is not None and board.squares > lens.squares
+        return Asked(())  # a target with depth has no sheet that could bend
+    names = (STRETCH, ASKEW, SHEAR) if shaped else (BEND, STRETCH, ASKEW, SHEAR)
+    radial = fault(scores, RADIAL)
+    found = faults(scores, names)
+    lens_lacks = radial is not None and radial.real and radial.independent > _LACKED
+    if radial is not None and lens_lacks:
+        stronger = [f for f in found.by_name.values() if f is not None and f.squares > radial.squares]
+        if not stronger:
+            return Asked((_lens_check(scores, radial),))
+    checks = [] if shaped else [_flatness_check(found.by_name[BEND], door)]
+    checks += [_squares_check(scores, found.by_name[STRETCH], found.by_name[ASKEW], target)]
+    points = board_points(rows, scores, found.real)
+    checks += [] if points is None else [_points_check(points, door)]
+    return Asked(tuple(checks), found)
 
 
 def _lens_check(scores: ViewScores, radial: Fault) -> Check:
     """The lens has distortion that its model lacks: what the board may have beside it cannot be told."""
     size = f"{abs(radial.value[0]):.2g} px at the rim of what was seen"
     name = scores.camera.model.name
-    if radial.shift < _MATTERS:
+    if not radial.matters:
         message = f"the lens leaves the {name} model by {size}, which the uncertainties hold; the board is not asked"
         return Check(LENS, "ok", message, float(radial.value[0]))
     message = (
@@ -125,50 +91,17 @@ def _lens_check(scores: ViewScores, radial: Fault) -> Check:
     return Check(LENS, "warn", message, float(radial.value[0]))
 
 
-def fault(scores: ViewScores, name: str, *, beside: str | None = None) -> Fault | None:
-    """A column's estimate; None where the views do not determine it, or not without one of them."""
-    names = (name,) if beside is None else (beside, name)
-    columns, own = kept_columns(scores, *names)
-    mine = own[-len(scores.columns[name]) :]
-    weights = everywhere(scores, columns, own)
-    found = estimate(scores, columns, weights)
-    if found is None:
-        return None
-    n, q = len(scores), len(mine)
-    value, covariance = found.value[mine], found.covariance[np.ix_(mine, mine)]
-    chance = chi2_tail(q, found.chi_square(mine))
-    shift = np.zeros(len(scores.lens))
-    if chance < _CHANCE:  # beyond white noise: is it beyond what the views scatter?
-        left_out = estimate(scores, columns, weights, leave_out=True)
-        if left_out is None or left_out.moved is None:
-            return None
-        moved = left_out.moved[:, mine]
-        covariance = (n - 1) / n * moved.T @ moved
-        if n - q < 1 or np.linalg.matrix_rank(covariance) < q:
-            return None
-        statistic = float(value @ np.linalg.solve(covariance, value)) * (n - q) / (q * (n - 1))
-        chance = max(float(f_tail(q, n - q, statistic)), chance)
-        others = columns[np.isin(columns, columns[mine], invert=True)]
-        before = estimate(scores, others, np.ones((n, len(others))))
-        if before is not None:
-            shift = found.value[: len(shift)] - before.value[: len(shift)]
-    alone = np.einsum("nii->i", scores.gram[:, columns[mine, None], columns[mine]])
-    left = np.linalg.inv(found.covariance[np.ix_(mine, mine)]) * scores.sigma_px**2
-    independent = float(np.min(np.diag(left) / alone))
-    return Fault(found, mine, covariance, independent, chance, lens_shift(scores, shift))
-
-
 def _flatness_check(bend: Fault | None, door: str) -> Check:
     if bend is None:
         return Check(FLATNESS, "ok", "these views do not tell whether the board is flat")
     height, sigma = _largest_height(bend)
     size = f"{height:.2g} ± {sigma:.1g} mm"
-    if bend.chance > _CHANCE:
+    if not bend.real:
         return Check(
             FLATNESS, "ok", f"the board is flat as far as the views tell ({size} from highest to lowest)", height
         )
     word = "twisted" if abs(bend.value[1]) > np.abs(bend.value[[0, 2]]).max() else "bent"
-    if bend.shift < _MATTERS:
+    if not bend.matters:
         message = f"the board is {word} by {size}, which the uncertainties hold; {door} paraboloid estimates it"
         return Check(FLATNESS, "ok", message, height)
     message = (
@@ -189,33 +122,43 @@ def _largest_height(bend: Fault) -> tuple[float, float]:
     return float(np.ptp(heights)), float(np.sqrt(across @ bend.covariance @ across))
 
 
-def _squares_check(scores: ViewScores, stretch: Fault | None, target: str | None) -> Check:
+def _squares_check(scores: ViewScores, stretch: Fault | None, askew: Fault | None, target: str | None) -> Check:
     camera = scores.camera
     fx, fy = camera.parameters["fx"], camera.parameters["fy"]
     away = fx / fy - 1
-    if stretch is not None and stretch.chance < _CHANCE:
-        value, sigma = float(stretch.value[0]), float(np.sqrt(stretch.covariance[0, 0]))
-        told = f"the squares are {_percent(value)} ± {_percent(sigma)} {_which(value)}"
+    if stretch is not None and stretch.real:
+        value, sigma = float(stretch.value[0]), float(stretch.sigma[0])
+        told = f"the squares are {percent(value)} ± {percent(sigma)} {_which(value)}"
         cure = f"measure the board both ways and give both lengths{_as_spec(target, value)}"
-        if stretch.shift < _MATTERS:
+        if not stretch.matters:
             return Check(SQUARES, "ok", f"{told}, which the uncertainties hold; {cure}", value)
         message = f"{told}, and move the camera by {stretch.shift**0.5:.2g} of its sigma: {cure}"
         return Check(SQUARES, "warn", message, value)
+    if askew is not None and askew.real:
+        value = float(askew.value[0])
+        told = f"the board's columns lean against its rows by {percent(value)} ± {percent(float(askew.sigma[0]))}"
+        cure = "a print that is askew; print it again, or --target-shape free estimates it"
+        if not askew.matters:
+            return Check(SQUARES, "ok", f"{told}, which the uncertainties hold ({cure})", value)
+        return Check(
+            SQUARES, "warn", f"{told}, and move the camera by {askew.shift**0.5:.2g} of its sigma: {cure}", value
+        )
     sigma_away = _aspect_sigma(scores)
-    sigma = np.inf if stretch is None else float(np.sqrt(stretch.covariance[0, 0]))
-    if abs(away) > max(_TELLS * sigma_away, _PRINTED) and abs(away) < _TELLS * sigma:
+    sigma = np.inf if stretch is None else float(stretch.sigma[0])
+    told_apart = stretch is not None and abs(away - float(stretch.value[0])) > _TELLS * sigma
+    if abs(away) > max(_TELLS * sigma_away, _PRINTED) and not told_apart:
         message = (
             f"fx / fy = {1 + away:.5f} ± {sigma_away:.1g} rests on squares that are square: the board was hardly "
-            f"rolled, and squares {_percent(away)} {_which(away)} with square pixels explain the views as well "
+            f"rolled, and squares {percent(away)} {_which(away)} with square pixels explain the views as well "
             f"({abs(fx - fy):.2g} px of fx). Measure the board both ways, or turn it by 90 deg in some views"
         )
         return Check(SQUARES, "warn", message, away)
     if not sigma < _TELLS * max(sigma_away, _PRINTED):
         return Check(SQUARES, "ok", "fx and fy agree; the views do not tell whether the squares are square", away)
-    return Check(SQUARES, "ok", f"the squares are square to {_percent(sigma)} (1 sigma)", away)
+    return Check(SQUARES, "ok", f"the squares are square to {percent(sigma)} (1 sigma)", away)
 
 
-def _percent(ratio: float) -> str:
+def percent(ratio: float) -> str:
     return f"{100 * abs(ratio):.2g} %"
 
 
@@ -273,7 +216,7 @@ def _points_check(points: BoardPoints, door: str) -> Check:
         f"points of the board are {points.rms_mm:.2g} mm rms off their places, alike in every view (most: point "
         f"{points.worst}, {points.worst_mm:.2g} ± {points.sigma_mm:.1g} mm)"
     )
-    status: Status = "ok" if points.shift < _MATTERS else "warn"
+    status: Status = "ok" if points.shift < MATTERS else "warn"
     if status == "ok":
         return Check(POINTS, status, f"{told}, which the uncertainties hold", points.rms_mm)
     message = (

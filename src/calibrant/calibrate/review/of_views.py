@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from calibrant.arrays import Array
-from calibrant.calibrate.review.board_shape import board_checks
+from calibrant.calibrate.review.board_shape import ask_board
 from calibrant.calibrate.review.one_camera import OneCamera, one_camera, with_spread
 from calibrant.calibrate.review.residuals import Structure, seen_poses
+from calibrant.calibrate.review.shutter import shutter_checks
 from calibrant.calibrate.review.view_scores import as_photos_make_it, rows_of, view_scores
 from calibrant.data import CalibrationResult, Check, verdict_of
 from calibrant.data.details import BentTarget, FreeTarget
@@ -49,10 +50,15 @@ def _asked(
         return None, ()
     if not result.is_about_cameras:
         scores = as_photos_make_it(scores)
-    found = one_camera(scores, [v.file or v.id for v in rows.views])
+    names = [v.file or v.id for v in rows.views]
+    found = one_camera(scores, names)
     if structure is not None and structure.lens_too_simple:
         return found, (found.check,)
     target = result.observations.target if result.observations is not None else None
     shaped = any(result.detail(kind) is not None for kind in (BentTarget, FreeTarget))
     door = "--target-shape" if result.is_about_cameras else "calibrant intrinsics --target-shape"
-    return found, (found.check, *board_checks(rows, scores, target=target, shaped=shaped, door=door))
+    asked = ask_board(rows, scores, target=target, shaped=shaped, door=door)
+    checks = (found.check, *asked.checks)
+    if asked.found is not None and found.check.status == "ok":
+        checks += shutter_checks(scores, asked.found, names)
+    return found, checks

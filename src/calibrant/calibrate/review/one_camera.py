@@ -21,12 +21,12 @@ from calibrant.calibrate.review.view_scores import (
     CENTRE,
     ZOOM,
     Estimate,
-    OwnLenses,
+    OwnOfViews,
     ViewScores,
     estimate,
     everywhere,
     kept_columns,
-    own_lenses,
+    own_of_views,
 )
 from calibrant.cameras import Camera
 from calibrant.data import Check
@@ -39,9 +39,9 @@ _BEYOND_NOISE = 1e-6
 """Chance, over all partings tried, that white noise alone makes the difference: none in a million calibrations."""
 _BEYOND_SCATTER = 5e-3
 """The same against the scatter of the views: one false word in two hundred sets whose views err alike."""
-_REFUSED = 1e-4
-"""Chance below which groups that matter are refused: one in ten thousand sets whose views err alike; above it their
-difference is named, and in sigma."""
+_CERTAIN = 1e-4
+"""Chance below which groups that matter are refused, and a single view is accused: one in ten thousand sets whose views
+err alike. Above it a difference of groups is named, and in sigma."""
 _MATTERS = 1e-3
 """Difference of two lenses, over the focal length, rms over the points seen, from which no one sigma should stand for
 both: a milliradian is a millimetre at a metre."""
@@ -72,7 +72,7 @@ def one_camera(scores: ViewScores, names: Sequence[str]) -> OneCamera:
     """Whether all views have one lens. Args: names, the views' files or ids, in the order of the scores."""
     if len(scores) < _FEWEST_VIEWS:
         return OneCamera(Check(NAME, "ok", f"{len(scores)} views are too few to compare groups of them"))
-    lenses = own_lenses(scores)
+    lenses = own_of_views(scores, ZOOM, CENTRE)
     said = f"no group of the {len(scores)} views (by name, order, every second, alike) has a lens of its own"
     fine = OneCamera(Check(NAME, "ok", said, 1.0))
     if lenses.chance > _LOOK:
@@ -83,7 +83,7 @@ def one_camera(scores: ViewScores, names: Sequence[str]) -> OneCamera:
     return _single(scores, lenses, names) or fine
 
 
-def _groups(scores: ViewScores, names: Sequence[str], lenses: OwnLenses) -> Groups | None:
+def _groups(scores: ViewScores, names: Sequence[str], lenses: OwnOfViews) -> Groups | None:
     """The parting that is least likely by chance, of those beyond it."""
     found: list[tuple[float, Split]] = []
     for own in CHOICES:
@@ -180,7 +180,7 @@ def _told(scores: ViewScores, groups: Groups, names: Sequence[str]) -> OneCamera
         said.append(f"{_members(members)}: fx {fx}, cx {cx}, cy {cy} px")
     both = "; ".join(said)
     milli = 1e3 * groups.apart
-    if groups.apart > _MATTERS and groups.chance < _REFUSED:
+    if groups.apart > _MATTERS and groups.chance < _CERTAIN:
         message = (
             f"two groups of views have lenses of their own, {milli:.2g} mrad apart: {both}. Two cameras, another zoom "
             "or focus, or images cropped, scaled or mirrored: calibrate them apart"
@@ -211,12 +211,18 @@ def _between(scores: ViewScores, groups: Groups) -> Array:
     return share * (1 - share) * np.outer(offset, offset)
 
 
-def _single(scores: ViewScores, lenses: OwnLenses, names: Sequence[str]) -> OneCamera | None:
+def _single(scores: ViewScores, lenses: OwnOfViews, names: Sequence[str]) -> OneCamera | None:
     """One view whose scale or shift stands out, beyond what the others scatter; None where there is none."""
     chances = np.column_stack([_odd_one_out(y, p) for y, p in zip(lenses.value.T, lenses.precision.T)])
     worst, kind = divmod(int(np.argmin(chances)), chances.shape[1])
-    chance = float(chances[worst, kind]) * chances.size
-    if chance > _BEYOND_SCATTER:
+    # A view that says little of its lens is far off by chance where its points err alike: what it says must stand out,
+    # against the others, as much as where it says its lens to be. Views count, not points: those err alike.
+    others = np.arange(len(scores)) != worst
+    rest = max(float(lenses.squares[others].sum()) / max(float(lenses.freedom[others].sum()), 1.0), 1.0)
+    q = float(lenses.freedom[worst])
+    loud = float(f_tail(q, len(scores) - 2, float(lenses.squares[worst]) / q / rest)) * len(scores) if q > 0 else 1.0
+    chance = max(float(chances[worst, kind]) * chances.size, loud)
+    if chance > _CERTAIN:
         return None
     offset = np.zeros(3)
     offset[kind] = lenses.value[worst, kind]

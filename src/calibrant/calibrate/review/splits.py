@@ -17,7 +17,7 @@ from calibrant.arrays import Mask
 from calibrant.calibrate.review.view_scores import (
     CENTRE,
     ZOOM,
-    OwnLenses,
+    OwnOfViews,
     ViewScores,
     estimate,
     everywhere,
@@ -73,7 +73,7 @@ def ordered_splits(scores: ViewScores, own: tuple[str, ...]) -> list[Split]:
     return [Split(m, FAMILIES * len(cuts), "order") for m in _strongest(scores, cuts, own)[:_MOST_CUTS]]
 
 
-def clustered_splits(scores: ViewScores, own: tuple[str, ...], lenses: OwnLenses) -> list[Split]:
+def clustered_splits(scores: ViewScores, own: tuple[str, ...], lenses: OwnOfViews) -> list[Split]:
     """The parting that the views' own scales and shifts propose, each view moved to where it fits until none moves."""
     columns = [0] if own == (ZOOM,) else [1, 2]
     best: list[Mask] = []

@@ -26,10 +26,12 @@ from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, View
 from calibrant.optimize.chances import chi2_tail
 
-ZOOM, CENTRE, BEND, STRETCH, SKEW, RADIAL = "zoom", "centre", "bend", "stretch", "skew", "radial"
+ZOOM, CENTRE, BEND, STRETCH = "zoom", "centre", "bend", "stretch"
+ASKEW, SKEW, SHEAR, RADIAL = "askew", "skew", "shear", "radial"
 """Columns beside the lens's: the image scaled about the principal point (1); shifted (px); the board bent in its three
-quadratic modes (mm); stretched along its x (1); the image's rows shifted in proportion to their place (px an image);
-the image stretched with the square of the distance from the principal point (px at the rim)."""
+quadratic modes (mm); stretched along its x (1); its rows shifted along x in proportion to y (1); the image's rows
+shifted in proportion to their place, along x and y (px an image), and along x alone, for what all views share; the
+image stretched with the square of the distance from the principal point (px at the rim)."""
 POSE = 6
 _MOST_LENS_PARAMETERS = 30
 """A splined lens has hundreds, each seen in a corner of the image: its views are compared by scale and shift alone."""
@@ -130,9 +132,10 @@ def view_scores(rows: Rows) -> ViewScores | None:
     if k_all > _MOST_LENS_PARAMETERS:
         free = np.array([camera.model.index(n) for n in ("fx", "fy", "cx", "cy")])
     k = len(free)
-    names = {ZOOM: 1, CENTRE: 2, BEND: 3, STRETCH: 1, SKEW: 2, RADIAL: 1}
+    names = {ZOOM: 1, CENTRE: 2, BEND: 3, STRETCH: 1, ASKEW: 1, SKEW: 2, RADIAL: 1}
     ends = np.cumsum([k, *names.values()])
     columns = {name: np.arange(a, b) for name, (a, b) in zip(names, pairwise(ends.tolist()))}
+    columns[SHEAR] = columns[SKEW][:1]
     # Column by column, each (N, 2): filled and multiplied several times faster than row by row.
     X = np.empty((POSE + int(ends[-1]) + 1, len(rows.view), 2))
     J = np.ascontiguousarray(np.moveaxis(rows.J_point, 2, 0))
@@ -195,6 +198,7 @@ def _own_columns(X: Array, columns: Mapping[str, Indices], J: Array, rows: Rows)
         np.multiply(out_of_plane, height[:, None], out=X[bend + at])
     along = J[0] * axis[:, 0] + J[1] * axis[:, 1] + J[2] * axis[:, 2]
     np.multiply(along, (points[:, 0] - points[:, 0].mean())[:, None], out=X[columns[STRETCH][0]])
+    np.multiply(along, (points[:, 1] - points[:, 1].mean())[:, None], out=X[columns[ASKEW][0]])
     skew, row = columns[SKEW][0], from_centre[:, 1] / rows.camera.image_size[1]
     X[skew : skew + 2] = 0.0
     X[skew, :, 0] = X[skew + 1, :, 1] = row
@@ -275,9 +279,9 @@ def estimate(scores: ViewScores, columns: Indices, weights: Array, *, leave_out:
 
 
 @dataclass(frozen=True, eq=False)
-class OwnLenses:
-    """What each view alone says of a scale and a shift of its own: squares (n,) over the noise, freedom (n,) of each,
-    value (n, 3) and precision (n, 3) of scale and shift, each with the other two held."""
+class OwnOfViews:
+    """What each view alone says of columns of its own: squares (n,) over the noise, freedom (n,) of each, value (n, q)
+    and precision (n, q) of each column with the others held."""
 
     squares: Array
     freedom: Array
@@ -286,13 +290,13 @@ class OwnLenses:
 
     @property
     def chance(self) -> float:
-        """P of squares as large, had all views one lens and white noise."""
+        """P of squares as large, had no view any and the noise were white."""
         return chi2_tail(float(self.freedom.sum()), float(self.squares.sum()))
 
 
-def own_lenses(scores: ViewScores) -> OwnLenses:
-    """The score test of a lens for every view: s_v^T I_v^-1 s_v, summed chi-square when there is one lens."""
-    E, L = np.concatenate([scores.columns[ZOOM], scores.columns[CENTRE]]), scores.lens
+def own_of_views(scores: ViewScores, *names: str) -> OwnOfViews:
+    """The score test of columns that every view has for itself: s_v^T I_v^-1 s_v, summed chi-square when none has."""
+    E, L = np.concatenate([scores.columns[n] for n in names]), scores.lens
     gram = scores.gram
     inverse = _inverse(gram[:, L[:, None], L].sum(axis=0))
     beta = np.zeros(len(L)) if inverse is None else inverse @ gram[:, L, -1].sum(axis=0)
@@ -308,7 +312,7 @@ def own_lenses(scores: ViewScores) -> OwnLenses:
     freedom = np.einsum("nij,nji->n", turned, own - held)
     with np.errstate(divide="ignore", invalid="ignore"):
         value = np.where(d > 0, -s / d, 0.0)
-    return OwnLenses(squares, np.maximum(freedom, 0.0), value, d / scores.sigma_px**2)
+    return OwnOfViews(squares, np.maximum(freedom, 0.0), value, d / scores.sigma_px**2)
 
 
 def kept_columns(scores: ViewScores, *names: str) -> tuple[Indices, Indices]:

@@ -189,3 +189,10 @@ def test_what_tells_nothing_is_refused() -> None:
         estimate_time_offset(t_robot, T, t, other)
     with pytest.raises(RefusedError, match=r"edge of the search|no offset within"):
         estimate_time_offset(*recording(0.5), largest=0.2)
+
+
+def test_clocks_of_other_zeros_are_said_to_be() -> None:
+    robot, A, camera, B = recording(0.05)
+    for moved in (1.7e9, -1.7e9):
+        with pytest.raises(RefusedError, match=r"the times do not overlap: the (camera|robot)'s recording ends 1.7e"):
+            estimate_time_offset(robot + moved, A, camera, B, largest=100.0)

@@ -133,6 +133,7 @@ def shifts_by_speed(
 
     Raises: RefusedError when the motion is too slow or too even, or no shift within `largest` brings them together.
     """
+    _require_overlap(t_robot, t_camera, largest)
     # A sixteenth of the camera's interval is fine enough for a start, however often the robot reports.
     of_camera, of_robot = float(np.median(np.diff(t_camera))), float(np.median(np.diff(t_robot)))
     step = max(min(of_camera, of_robot) / 2, of_camera / 16)
@@ -163,6 +164,21 @@ def shifts_by_speed(
     times = np.asarray(shifts * float(step), dtype=np.float64)
     _require_peak(scores, times, largest, _turning(spline, t_robot))
     return [(float(times[k]), float(scores[k])) for k in _peaks(scores)]
+
+
+def _require_overlap(t_robot: Array, t_camera: Array, largest: float) -> None:
+    """Raises: RefusedError for clocks whose zeros are farther apart than any offset that is searched."""
+    ahead, behind = float(t_robot[0] - t_camera[-1]), float(t_camera[0] - t_robot[-1])
+    apart = max(ahead, behind)
+    if apart <= largest:
+        return
+    first, second = ("camera", "robot") if ahead > behind else ("robot", "camera")
+    raise RefusedError(
+        f"the times do not overlap: the {first}'s recording ends {apart:.6g} s before the {second}'s begins, and offsets "
+        f"up to {largest:g} s are searched. The clocks have different zeros, or the files are of two recordings: give "
+        "both the times of one clock, or count each from its own first sample and search as far as one may have been "
+        "started before the other (--largest 30s)"
+    )
 
 
 def _turning(spline: PoseSpline, t_robot: Array) -> Array:

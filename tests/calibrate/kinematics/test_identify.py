@@ -39,6 +39,22 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
+@pytest.mark.parametrize("mixed", ["two arms", "two places of the tracker"])
+def test_rows_that_do_not_describe_one_arm_are_refused(mixed: str) -> None:
+    simulated, rng = worn(3)
+    q = simulated.draw_joints(rng, 60)
+    one = measure(simulated, q, rng, sigma_mm=0.05, sigma_deg=0.01)
+    positions = one.positions.copy()
+    if mixed == "two arms":
+        positions[30:] = measure(worn(4)[0], q[30:][:, ::-1], rng, sigma_mm=0.05, sigma_deg=0.01).positions
+    else:
+        positions[30:] = positions[30:] @ so3.exp([0.0, 0.0, 0.4]).T + [0.3, -0.2, 0.1]
+    result = as_result(calibrate_kinematics(replace(one, positions=positions, rotations=None), simulated.nominal))
+    fit = next(c for c in result.checks if c.name == "fit")
+    assert fit.status == "fail"
+    assert "do not describe one arm" in fit.message
+
+
 def test_the_derivative_is_the_difference() -> None:
     rng = np.random.default_rng(0)
     chain = as_links(arm("ur5e"))

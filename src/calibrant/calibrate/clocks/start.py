@@ -174,10 +174,10 @@ def _require_overlap(t_robot: Array, t_camera: Array, largest: float) -> None:
         return
     first, second = ("camera", "robot") if ahead > behind else ("robot", "camera")
     raise RefusedError(
-        f"the times do not overlap: the {first}'s recording ends {apart:.6g} s before the {second}'s begins, and offsets "
-        f"up to {largest:g} s are searched. The clocks have different zeros, or the files are of two recordings: give "
-        "both the times of one clock, or count each from its own first sample and search as far as one may have been "
-        "started before the other (--largest 30s)"
+        f"the times do not overlap: the {first}'s recording ends {apart:.6g} s before the {second}'s begins, and "
+        f"offsets up to {largest:g} s are searched. The clocks have different zeros, or the files are two recordings: "
+        "give both the times of one clock, or count each from its own first sample and search as far as one may have "
+        "been started before the other (--largest 30s)"
     )
 
 

@@ -21,6 +21,9 @@ from calibrant.data.details import JointAxes, JointAxis, RobotParameter, RobotPa
 from calibrant.optimize.noise import NoiseLevel
 from calibrant.robots.poe import ProductOfExponentials
 
+DOUBTED, DISAGREES = 0.02, 0.05
+"""Share of the motion that an identified arm may leave: one that nobody identified leaves a hundredth (millimetres of
+some hundred), rows of two arms or of two places of the tracker tens of per cent."""
 HELD_OUT_FACTOR = 1.5
 """Held-out errors this many times those of the fit mean that the fit follows the noise: with twice as many numbers as
 unknowns the expected ratio is sqrt((1 + 1/2) / (1 - 1/2)) = 1.7, with five times as many 1.2."""
@@ -126,12 +129,12 @@ def _outlier(size: float) -> str:
 
 
 def _kinematic_checks(calibration: KinematicCalibration) -> tuple[Check, ...]:
-    before, after, held = calibration.before, calibration.after, calibration.held_out
+    held = calibration.held_out
     fitted, held_back = len(calibration.fitted), len(calibration.parameters) - len(calibration.fitted)
     unshown = [p for p in calibration.parameters if p.reason and not p.reason.startswith("redundant")]
     checks = [
         Check("parameters", "ok", f"{fitted} parameters identified, {held_back} redundant or held", float(fitted)),
-        Check("fit", "ok", f"errors {_words(before)} rms before, {_words(after)} after", after.rms_mm),
+        _fit_check(calibration),
     ]
     if unshown:
         names = ", ".join(p.parameter.name for p in unshown[:5]) + (" …" if len(unshown) > 5 else "")
@@ -149,6 +152,20 @@ def _kinematic_checks(calibration: KinematicCalibration) -> tuple[Check, ...]:
     else:
         checks.append(_held_out_check(calibration))
     return tuple(checks)
+
+
+def _fit_check(calibration: KinematicCalibration) -> Check:
+    """Do joints and measurements describe one arm, at one place?"""
+    before, after, held = calibration.before, calibration.after, calibration.held_out
+    text = f"errors {_words(before)} rms before, {_words(after)} after"
+    p = 1e3 * calibration.measurements.positions[calibration.used]
+    size = float(np.linalg.norm(p - p.mean(axis=0), axis=1).mean()) if len(p) else 0.0
+    left = max(after.rms_mm, held.rms_mm if held is not None else 0.0)
+    if size <= 0 or left <= DOUBTED * size:
+        return Check("fit", "ok", text, after.rms_mm)
+    text += f"; {left:.3g} mm are left of a motion of {size:.3g} mm: joints and measurements do not describe one arm. "
+    text += "Are they of one robot and one place of the measuring device, in the right units and the right rows?"
+    return Check("fit", "fail" if left > DISAGREES * size else "warn", text, after.rms_mm)
 
 
 def _held_out_check(calibration: KinematicCalibration) -> Check:

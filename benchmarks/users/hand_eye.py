@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import inspect
+from copy import deepcopy
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -158,10 +160,16 @@ def conditions() -> list[Condition]:
     return [replace(c, name=f"hand-eye/{c.name}") for c in of_the_image() + of_the_arm() + of_the_poses()]
 
 
+@lru_cache(maxsize=1000)
+def drawn(seed: int, draw: CellDraw, lens_free: bool) -> tuple[Session, Array]:
+    """A session and the least covariance it allows: kept, as conditions share them."""
+    session = draw_session(seed, draw)
+    return session, least_covariance(session, lens_free=lens_free)
+
+
 def run(condition: Condition, seed: int) -> Run:
     """One calibration, judged by where the camera is on the flange, or in the base."""
-    session = draw_session(seed, condition.draw)
-    least = least_covariance(session, lens_free=not condition.name.endswith(("given", "exact")))
+    session, least = deepcopy(drawn(seed, condition.draw, not condition.name.endswith(("given", "exact"))))
     for edit in condition.edits:
         edit(session)
     if session.pairs is not None:

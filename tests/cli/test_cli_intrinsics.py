@@ -71,6 +71,23 @@ def test_json_alone_on_standard_output(calibrant, found: Path) -> None:
     assert json.loads(outcome.out)["format"] == "calibrant/2"
 
 
+def test_the_solver_stops_where_it_is_told_to(calibrant, found: Path) -> None:
+    early = calibrant("intrinsics", "--observations", found, "--max-iterations", "2", "--json")
+    assert (early.status, "allow more (--max-iterations)" in early.err) == (1, True)
+
+    def fitted(epsilon: str) -> tuple[float, float, str]:
+        result = json.loads(calibrant("intrinsics", "--observations", found, "--epsilon", epsilon, "--json").out)
+        status = next(c["status"] for c in result["checks"] if c["name"] == "termination")
+        camera = result["cameras"]["camera"]
+        return camera["parameters"]["fx"], camera["sigma"]["fx"], status
+
+    least = json.loads(calibrant("intrinsics", "--observations", found, "--json").out)["cameras"]["camera"]
+    fx, sigma, status = fitted("1e-10px")
+    assert (abs(fx - least["parameters"]["fx"]) < 0.1 * sigma, status) == (True, "ok")
+    assert fitted("0.01px")[2] == "warn"
+    assert calibrant("intrinsics", "--observations", found, "--max-iterations", "0").status == 2
+
+
 def test_quiet_says_nothing_but_warnings(calibrant, found: Path) -> None:
     outcome = calibrant("intrinsics", "--observations", found, "-q")
     assert (outcome.status, outcome.out) == (0, "")

@@ -8,10 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye
 from calibrant.calibrate.cell.stated import hand_eye_pair
 from calibrant.data import CalibrationResult, RobotPoses, as_transform
 from calibrant.diagnose.loop import by_view, loop_views, target_centre, target_outline
 from calibrant.geometry import se3, so3
+from calibrant.reports.parts.rows import view_rows
+from calibrant.simulate.scenes import hand_eye_scene
 
 
 def _exact(setup: str) -> tuple[CalibrationResult, np.ndarray]:
@@ -48,6 +51,14 @@ def test_a_moved_board_shows_by_its_size() -> None:
     assert loop[2].mm == pytest.approx(5.0, abs=1e-6)
     assert loop[2].deg == pytest.approx(0.5, abs=1e-6)
     assert max(view.mm or 0.0 for i, view in enumerate(loop) if i != 2) < 1e-6
+
+
+def test_the_loop_of_target_poses_goes_by_the_names_of_the_views() -> None:
+    """A table and a page look a view's loop up by its camera and its id."""
+    scene = hand_eye_scene("good", setup="eye-in-hand", views=8)
+    result = calibrate_hand_eye(scene.robot_poses, scene.measured_T_camera_target, setup="eye-in-hand")
+    loop = by_view(loop_views(result))
+    assert [loop[row.camera, row.id].mm is not None for row in view_rows(result)] == [True] * 8
 
 
 def test_no_loop_without_both_transforms_or_poses() -> None:

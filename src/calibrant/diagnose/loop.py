@@ -71,7 +71,8 @@ def _of_pictures(result: CalibrationResult, layout: Layout, p: Pictures) -> list
     seen = _seen_by_moment(result, p, hand)
     centre = target_centre(replace(result, observations=p.seen))
     robot = "" if len(layout.robots) == 1 else f"{p.robot} "
-    name = p.camera if p.camera in result.cameras else ""
+    # Of target poses without a camera's model the views have a camera's name all the same.
+    name = p.camera if p.camera in result.cameras or any(v.camera == p.camera for v in result.views) else ""
     out = []
     for moment in hand if len(layout.pictures) == 1 else seen:
         view, T = seen.get(moment, (moment, None))

@@ -27,20 +27,23 @@ class Status(Enum):
 
     COST = "converged: the next step would not lower the cost"
     STEP = "converged: the step is below rounding"
+    ERROR = "converged: the next step would lower the error by less than was asked for"
     STALLED = "stalled: no step lowers the cost any more"
     MAX_ITERATIONS = "stopped at the iteration limit before it converged"
 
     @property
     def converged(self) -> bool:
-        return self in (Status.COST, Status.STEP)
+        return self in (Status.COST, Status.STEP, Status.ERROR)
 
 
 @dataclass(frozen=True)
 class SolverOptions:
-    """When to stop. cost_tolerance: relative predicted decrease of the cost; initial_damping: lambda at the start."""
+    """When to stop. cost_tolerance: relative predicted decrease of the cost; norm_tolerance: predicted decrease of the
+    residuals' norm, in their own unit; initial_damping: lambda at the start."""
 
     max_iterations: int = 100
     cost_tolerance: float = 1e-10
+    norm_tolerance: float = 0.0
     initial_damping: float = 1e-4
 
 
@@ -116,6 +119,11 @@ class _Outcome:
     status: Status | None
 
 
+def _norm_decrease(cost: float, predicted: float) -> float:
+    """By how much the norm of the residuals is to fall: the cost is half its square."""
+    return float(np.sqrt(2 * cost) - np.sqrt(2 * max(cost - predicted, 0.0)))
+
+
 def _advance(
     problem: Problem,
     values: Values,
@@ -135,6 +143,8 @@ def _advance(
         # Residuals are in sigmas: a predicted decrease of 1e-20 is a step of 1e-10 sigma.
         if step.predicted <= options.cost_tolerance * equations.cost + 1e-20:
             return _Outcome(None, None, damping, growth, Status.COST)
+        if options.norm_tolerance and _norm_decrease(equations.cost, step.predicted) <= options.norm_tolerance:
+            return _Outcome(None, None, damping, growth, Status.ERROR)
         moved = problem.retract(values, step)
         trial = problem.linearize(moved, levels)
         gain = (equations.cost - trial.cost) / step.predicted

@@ -63,6 +63,8 @@ def intrinsics(
     mark_outliers: str | None = None,
     without_marked: str | Path | None = None,
     target_shape: str = "flat",
+    max_iterations: int = 100,
+    epsilon: str | None = None,
     name: str = "camera",
     mirror_x: bool = False,
     exclude: Words = (),

@@ -40,6 +40,7 @@ from calibrant.calibrate.cell.problem.views import (
 )
 from calibrant.calibrate.cell.refine import refined
 from calibrant.calibrate.cell.result import cell_result
+from calibrant.calibrate.cell.sizes import Sizes, target_sizes, with_size_free
 from calibrant.calibrate.cell.starts.cell import CellStart, cell_start
 from calibrant.calibrate.review.review import review
 from calibrant.calibrate.solvers.setup import get_setup
@@ -58,7 +59,7 @@ class CellFit:
     """A cell's fit: its noise estimate with the solution, what is left of the cell, and the start that led there.
 
     left_out: views that their camera's own calibration ruled out; numbering: what was asked of symmetric boards;
-    certainty: what the covariance holds beside the noise levels.
+    sizes: of the targets, by the robots' motion; certainty: what the covariance holds beside the noise levels.
     """
 
     noise: NoiseEstimate
@@ -66,6 +67,7 @@ class CellFit:
     start: CellStart
     left_out: tuple[ViewResult, ...]
     numbering: tuple[Check, ...]
+    sizes: Sizes
     certainty: Certainty
 
 
@@ -109,7 +111,9 @@ calibrate_several = calibrate_cell
 def judged_cell(fit: CellFit, asked: Mapping[str, object]) -> CalibrationResult:
     """The result of a fit, stamped. Raises: RefusedError, which holds the result, where a check failed."""
     result = stamp(
-        review(cell_result(fit.cell, fit.start, fit.noise, fit.certainty, fit.left_out, fit.numbering, asked))
+        review(
+            cell_result(fit.cell, fit.start, fit.noise, fit.sizes, fit.certainty, fit.left_out, fit.numbering, asked)
+        )
     )
     refuse_if_failed(result)
     return result
@@ -138,8 +142,11 @@ def fit_cell(
     free = {name: free_joints(r, identify) for name, r in _readings(where, joints).items()}
     start = cell_start(where, data, {v.id: v.reason or "" for v in left_out})
     noise, cell = refined(Cell(where, start.data, roles, free), start.transforms, start.spread)
-    noise, certainty = certain(cell, noise)
-    return CellFit(noise, cell, start, left_out, numbering, certainty)
+    sizes = target_sizes(cell, start.data, noise.solution)
+    told = {} if where.rig else sizes.targets  # images alone have no size of their own
+    freed = {target: (size, with_size_free(cell, noise.solution, target)) for target, size in told.items()}
+    noise, certainty = certain(cell, noise, freed)
+    return CellFit(noise, cell, start, left_out, numbering, sizes, certainty)
 
 
 def _with_own_ids(pictures: Sequence[Pictures]) -> list[Pictures]:

@@ -139,7 +139,10 @@ def scale_check(scale: Measured | None, at_that_size: tuple[float, float] | None
         return Check("target-size", "warn", "the motions cannot tell whether the target's size is right")
     off = abs(scale.value - 1)
     text = f"the robot's motion says the target is {scale.value:.4f} ± {scale.sigma:.4f} times the size given"
-    if off <= SCALE_WARN or off <= SCALE_SIGMAS * scale.sigma:
+    if off <= SCALE_SIGMAS * scale.sigma:
+        return Check("target-size", "ok", text, scale.value)
+    text += "; sigma holds the difference"
+    if off <= SCALE_WARN:
         return Check("target-size", "ok", text, scale.value)
     if at_that_size is not None:
         (mm, deg), (now_mm, now_deg) = at_that_size, loop.rms

@@ -21,7 +21,7 @@ from calibrant.calibrate.cell.noise_figures import noise_by_name, pooled, robot_
 from calibrant.calibrate.cell.problem.groups import geometry_variable, pictures_factor, pixel_group
 from calibrant.calibrate.cell.problem.layout import Frame, Layout, variable
 from calibrant.calibrate.cell.problem.problem import Cell
-from calibrant.calibrate.cell.sizes import Sizes, target_sizes
+from calibrant.calibrate.cell.sizes import Sizes
 from calibrant.calibrate.cell.starts.cell import CellStart
 from calibrant.calibrate.reprojection.factor import seen_in_fit
 from calibrant.calibrate.reprojection.links import Link, link_maps, product
@@ -46,6 +46,7 @@ def cell_result(
     cell: Cell,
     start: CellStart,
     noise: NoiseEstimate,
+    sizes: Sizes,
     certainty: Certainty,
     left_out: Sequence[ViewResult],
     numbering: Sequence[Check],
@@ -56,7 +57,7 @@ def cell_result(
     held = leave_out(cell, solution)
     seen, squares = _cell_views(cell, solution)
     views = (*seen, *left_out)
-    transforms, sizes = _transforms(cell, solution), target_sizes(cell, start.data, solution)
+    transforms = _transforms(cell, solution)
     checks = _checks(cell, start, noise, certainty, held, views, transforms, sizes, numbering)
     plain = cell.layout.plain and not cell.free
     measured = [d.B for p, d in zip(layout.pictures, cell.data) if p.seen is None]

@@ -79,6 +79,14 @@ def _averaged(cell: Cell, loops: Mapping[int, LoopNoise], lists: Sequence[int]) 
     return Measured(float(weight @ value), float(np.sqrt(variance)))
 
 
+def with_size_free(cell: Cell, solution: Solution, target: str) -> Solution:
+    """The fit, at its values, with the size of a target one unknown more."""
+    problem = cell_problem(cell, fitted_transforms(cell, solution), solution.sigmas, free_sizes=(target,))
+    values = nearest_start(problem, solution)
+    equations = problem.linearize(values, solution.sigmas)
+    return replace(solution, problem=problem, values=values, equations=equations, around=(), beside=None)
+
+
 def _by_all(cell: Cell, solution: Solution, target: str) -> Measured | None:
     """The size of one target with all else free; None where the motions do not tell it."""
     if not any(p.target == target and p.movers for p in cell.layout.pictures):

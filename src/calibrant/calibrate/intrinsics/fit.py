@@ -18,7 +18,7 @@ from calibrant.calibrate.reprojection.weights import reweighted
 from calibrant.cameras import CameraModel
 from calibrant.data import Check, View
 from calibrant.errors import RefusedError
-from calibrant.optimize.levenberg_marquardt import solve
+from calibrant.optimize.levenberg_marquardt import SolverOptions, solve
 from calibrant.optimize.losses import Loss, cauchy, squared
 from calibrant.optimize.manifolds import SE3, Variable
 from calibrant.optimize.problem import Problem
@@ -49,6 +49,21 @@ class Fit:
     checks: tuple[Check, ...] = ()
 
 
+@dataclass(frozen=True)
+class Stopping:
+    """When the solver stops: after so many steps, or when the next one would lower the RMS error by less, px."""
+
+    max_iterations: int = 100
+    epsilon_px: float = 0.0
+
+    def options(self, points: int) -> SolverOptions:
+        """The same for residuals of so many points."""
+        return SolverOptions(self.max_iterations, norm_tolerance=self.epsilon_px * float(np.sqrt(points)))
+
+
+ORDINARY = Stopping()
+
+
 def refine(
     views: StackedViews,
     kind: CameraModel,
@@ -57,6 +72,7 @@ def refine(
     fix: Sequence[str],
     loss: Loss | None = None,
     sigma: float = 1.0,
+    stop: Stopping = ORDINARY,
 ) -> Solution:
     """Minimise the reprojection error over the camera's free parameters and all poses."""
     m = len(views.offsets) - 1
@@ -73,7 +89,8 @@ def refine(
         Variable("camera", camera_manifold(kind, fix, start.parameters), start.parameters[None]),
     )
     priors = model_priors(kind, camera="camera", poses="T_camera_target", T_camera_target=start.T_camera_target)
-    return solve(Problem(variables, (factor, *priors), {"pixel": sigma}))
+    problem = Problem(variables, (factor, *priors), {"pixel": sigma})
+    return solve(problem, options=stop.options(len(views.uv)))
 
 
 def end_of(solution: Solution, keep: NDArray[np.bool_] | None = None) -> Start:
@@ -88,16 +105,19 @@ def fit_and_clean(
     kind: CameraModel,
     fix: Sequence[str],
     max_error_px: float | None,
+    *,
+    stop: Stopping = ORDINARY,
 ) -> tuple[Fit, Marked]:
     """Fit all points alike; leave out, by a robust fit, those that do not belong; then weigh the rest."""
     plain = StackedViews(stacked.points, stacked.uv, np.ones(len(stacked.uv)), stacked.offsets)
-    solution = refine(plain, kind, start, fix=fix)
+    solution = refine(plain, kind, start, fix=fix, stop=stop)
     norms = np.linalg.norm(solution.residuals("reprojection"), axis=1)
     marked = mark(norms, stacked.offsets, max_error_px=max_error_px)
     kept = views
     if not marked.keep.all():
         # Gross errors bend a plain fit towards themselves: let a robust one say who is wrong.
-        robust = refine(plain, kind, start, fix=fix, loss=cauchy(CAUCHY_SCALE_SIGMAS), sigma=max(marked.sigma_px, 1e-6))
+        scale = max(marked.sigma_px, 1e-6)
+        robust = refine(plain, kind, start, fix=fix, loss=cauchy(CAUCHY_SCALE_SIGMAS), sigma=scale, stop=stop)
         norms = np.linalg.norm(robust.residuals("reprojection"), axis=1)
         marked = mark(norms, stacked.offsets, max_error_px=max_error_px)
         if max_error_px is not None and not marked.keep.any():
@@ -109,13 +129,13 @@ def fit_and_clean(
         used = np.array([v is not None for v in judged])
         kept = tuple(v for v in judged if v is not None)
         plain = replace(stack(kept), sigma=np.ones(sum(len(v) for v in kept)))
-        solution = refine(plain, kind, end_of(robust, used), fix=fix)
+        solution = refine(plain, kind, end_of(robust, used), fix=fix, stop=stop)
     if all(v.sigma_px is None for v in kept):
         return Fit(solution, kept, plain), marked
     squares = np.sum(solution.residuals("reprojection") ** 2, axis=1)
     kept = reweighted(kept, squares, unknowns=solution.problem.free_count)
     weighted = stack(kept)
-    return Fit(refine(weighted, kind, end_of(solution), fix=fix), kept, weighted), marked
+    return Fit(refine(weighted, kind, end_of(solution), fix=fix, stop=stop), kept, weighted), marked
 
 
 def _keep(views: Sequence[View], marked: Marked, stacked: StackedViews) -> list[View | None]:

@@ -21,7 +21,7 @@ from calibrant.arrays import Array
 from calibrant.calibrate.classical import planar as planar_start
 from calibrant.calibrate.classical.planar import PlaneViews
 from calibrant.calibrate.intrinsics.checks import intrinsics_checks, require_conditions
-from calibrant.calibrate.intrinsics.fit import Fit, Start, fit_and_clean, refine
+from calibrant.calibrate.intrinsics.fit import ORDINARY, Fit, Start, Stopping, fit_and_clean, refine
 from calibrant.calibrate.intrinsics.linearity import better_of_two, linearity_check
 from calibrant.calibrate.intrinsics.shaped_fit import shaped_fit
 from calibrant.calibrate.intrinsics.shared_errors import shared_errors, shared_errors_check
@@ -66,6 +66,7 @@ def calibrate_keeping(
     initial: Camera | None = None,
     max_error_px: float | None = None,
     target_shape: str = FLAT,
+    stop: Stopping = ORDINARY,
 ) -> Kept:
     """`calibrate_intrinsics` of one model for problems that go on with the same views: the result, and what it kept."""
     kind = camera_start.model_for(model, observations)
@@ -93,7 +94,7 @@ def calibrate_keeping(
         require_conditions(views, kind, fix)
     try:
         start = find_start(stacked, seen, kind, image_size, initial=initial, fix=fix)
-        fit, marked = fit_and_clean(views, stacked, start, kind, fix, max_error_px)
+        fit, marked = fit_and_clean(views, stacked, start, kind, fix, max_error_px, stop=stop)
         fit = better_of_two(fit, kind, fix)
     except CalibrantError:
         refuse_wide_lens(kind, stacked, image_size)

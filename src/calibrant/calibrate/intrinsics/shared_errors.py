@@ -51,7 +51,7 @@ def shared_errors(
         for labels in (
             np.repeat(np.arange(len(views)), np.diff(stacked.offsets)),
             _numbered(np.concatenate([v.point_ids for v in views])),
-            _places(stacked.uv, image_size),
+            _numbered(places(stacked.uv, image_size)),
         )
     ]
     shares = [float(np.trace(c.shared)) / root.shape[1] for c in clusterings]
@@ -89,6 +89,7 @@ def _numbered(labels: Indices) -> Indices:
     return (np.cumsum(present) - 1)[labels]
 
 
-def _places(uv: Array, image_size: tuple[int, int]) -> Indices:
+def places(uv: Array, image_size: tuple[int, int]) -> Indices:
+    """The place (N,) in the image of each pixel (N, 2), by its number among `CELLS`."""
     cells = np.clip((uv + 0.5) / image_size * CELLS, 0, np.array(CELLS) - 1).astype(np.int64)
-    return _numbered(cells[:, 1] * CELLS[0] + cells[:, 0])
+    return np.asarray(cells[:, 1] * CELLS[0] + cells[:, 0])

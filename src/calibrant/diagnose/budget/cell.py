@@ -17,7 +17,8 @@ own transform, its target's and its lens, with what it owes to other cameras alr
 
 All that holds for the noise levels found, and for errors as independent as they are taken. What the calibration's
 covariance has more, because levels are estimates (`optimize.level_spread`) and neighbouring poses err alike
-(`cell.certainty`), stands by itself: Cov(X, Z) as stated, less noise and intrinsics, as far as it is above 0.
+(`cell.certainty`), stands by itself: Cov(X, Z) as stated, less all of the above, as far as it is above 0. A size that
+the motion contradicts is in what is stated, and not counted twice.
 """
 
 from __future__ import annotations
@@ -320,7 +321,7 @@ def _with_rest(stated: Array | None, sources: dict[str, Array]) -> dict[str, Arr
     """The sources with what the result's covariance has more; as they are where the result states nothing."""
     if stated is None:
         return sources
-    known = np.sum([C for name, C in sources.items() if name != TARGET], axis=0)
+    known = np.sum(list(sources.values()), axis=0)
     scale = np.sqrt(np.diag(stated))
     scale = np.where(scale > 0, scale, 1.0)
     values, axes = np.linalg.eigh((stated - known[:12, :12]) / scale[:, None] / scale)

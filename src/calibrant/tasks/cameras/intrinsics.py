@@ -47,6 +47,10 @@ class Request:
     """Leave out the points that this result of --mark-outliers has marked."""
     target_shape: Annotated[str, Option("flat|paraboloid|free")] = "flat"
     """Estimate the board's own shape with the camera: its bend, or every point."""
+    max_iterations: Annotated[int, Option("N")] = 100
+    """Steps of the solver; a calibration that has not converged by then is refused."""
+    epsilon: Annotated[str | None, Option("PX")] = None
+    """Stop when a step would lower the RMS error by less than this, e.g. 1e-6px; without it, at the least error."""
     name: Annotated[str, Option("NAME")] = "camera"
     """What the camera is called: its key under `cameras` in the result."""
     search: SearchOptions = SearchOptions()
@@ -119,6 +123,8 @@ def _calibrated(found: Observations, request: Request, limit: float | None) -> C
         initial=start,
         max_error_px=limit,
         target_shape=request.target_shape,
+        max_iterations=request.max_iterations,
+        epsilon_px=pixels(request.epsilon, option="--epsilon") or 0.0,
     )
 
 

@@ -64,8 +64,7 @@ def lens_shift(solution: Solution, lens: str, role: CameraRole) -> LensShift | N
     basis = problem.variables[i].manifold.basis(solution.values[i])
     free = np.eye(len(by_photos)) if basis is None else basis[0]
     to_free = np.linalg.pinv(free)
-    columns = placement.offset[0] + np.arange(placement.dim)
-    C = solution.shared_covariance[np.ix_(columns, columns)]
+    C = to_free @ solution.covariance(lens) @ to_free.T
     root, more, d = _compared(
         C, to_free @ by_photos @ to_free.T, to_free @ (solution.value(lens)[0] - role.camera.values)
     )
@@ -84,9 +83,25 @@ def lens_shift(solution: Solution, lens: str, role: CameraRole) -> LensShift | N
     added = [root * np.sqrt(level * by_robot)]
     if chance < BY_CHANCE:
         added.append((root @ d)[:, None])
-    moved_along = solution.shared_covariance[:, columns] @ np.linalg.solve(C, np.concatenate(added, axis=1))
+    half = free @ np.concatenate(added, axis=1)
     shift = solution.value(lens)[0] - role.camera.values
-    return LensShift(moved_along @ moved_along.T, chance, shift, np.sqrt(np.diag(by_photos)))
+    return LensShift(along_with(solution, lens, half @ half.T), chance, shift, np.sqrt(np.diag(by_photos)))
+
+
+def along_with(solution: Solution, lens: str, added: Array) -> Array:
+    """What an error of the lens, of covariance (p, p), natural tangent, does to all shared unknowns, (s, s)."""
+    i = solution.problem.variable_index(lens)
+    placement = solution.problem.structure.placements[i]
+    if placement is None:
+        return np.zeros_like(solution.shared_covariance)
+    basis = solution.problem.variables[i].manifold.basis(solution.values[i])
+    if basis is not None:
+        to_free = np.linalg.pinv(basis[0])
+        added = to_free @ added @ to_free.T
+    columns = placement.offset[0] + np.arange(placement.dim)
+    across = solution.shared_covariance[:, columns]
+    K = np.linalg.solve(across[columns], across.T).T
+    return np.asarray(K @ added @ K.T)
 
 
 def _compared(C: Array, by_photos: Array, d: Array) -> tuple[Array, Array, Array]:

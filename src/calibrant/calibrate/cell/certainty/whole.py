@@ -1,4 +1,4 @@
-"""A cell's fit with all that its noise levels do not hold: errors that the poses of a robot share, and its lenses."""
+"""A cell's fit with what its noise levels do not hold: errors that poses or views share, sizes, bent lenses."""
 
 from __future__ import annotations
 
@@ -8,12 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibrant.arrays import Array
-from calibrant.calibrate.cell.certainty.lens import LensShift, lens_shift
+from calibrant.calibrate.cell.certainty.lens import LensShift, along_with, lens_shift
 from calibrant.calibrate.cell.certainty.neighbours import SharedErrors, shared_errors
 from calibrant.calibrate.cell.certainty.pose_errors import pose_errors
-from calibrant.calibrate.cell.problem.groups import lens_variable, robot_groups
+from calibrant.calibrate.cell.certainty.size import size_shares
+from calibrant.calibrate.cell.certainty.views import lens_shares
+from calibrant.calibrate.cell.problem.groups import lens_variable, pixel_group, robot_groups, scale_variable
 from calibrant.calibrate.cell.problem.layout import poses_variable, variable
 from calibrant.calibrate.cell.problem.problem import Cell
+from calibrant.data import Measured
 from calibrant.optimize.noise import NoiseEstimate
 from calibrant.optimize.solution import Solution
 
@@ -26,8 +29,13 @@ class Certainty:
     lenses: Mapping[str, LensShift]
 
 
-def certain(cell: Cell, noise: NoiseEstimate) -> tuple[NoiseEstimate, Certainty]:
-    """The estimate with its whole covariance, and what was added to it."""
+def certain(
+    cell: Cell, noise: NoiseEstimate, sizes: Mapping[str, tuple[Measured, Solution]]
+) -> tuple[NoiseEstimate, Certainty]:
+    """The estimate with its whole covariance, and what was added to it.
+
+    sizes: of targets, by the robots' motion, each with the fit that has it free.
+    """
     solution = noise.solution
     there = {v.name for v in solution.problem.variables}
     beside: Array = np.zeros_like(solution.shared_covariance)
@@ -40,9 +48,14 @@ def certain(cell: Cell, noise: NoiseEstimate) -> tuple[NoiseEstimate, Certainty]
         if found is not None:
             robots[robot] = found
             beside = beside + found.covariance
+    for target, (size, freed) in sizes.items():
+        beside = beside + size_shares(solution, freed, scale_variable(target), size)
     lenses: dict[str, LensShift] = {}
     for name, role in cell.roles.items():
         if lens_variable(name) in there and not role.exact:
+            shared = lens_shares(cell, solution, name, sigma_px=noise.levels[pixel_group(name)].sigma)
+            if shared is not None:
+                beside = beside + along_with(solution, lens_variable(name), shared)
             shift = lens_shift(replace(solution, beside=beside), lens_variable(name), role)
             if shift is not None:
                 lenses[name] = shift

@@ -29,7 +29,9 @@ MOST_ROUNDS, SETTLED = 20, 0.01
 """The loop is nearly linear in the scale, which settles in three or four rounds: to a hundredth of its sigma."""
 ROUNDING = 1e-9
 UNIT_SHARE = 0.05
-"""A scale within 5 % of the ratio of two units is a mistake of units."""
+"""A scale within 5 % of the ratio of two units, or within three sigma where it is not known so well, is a mistake of
+units."""
+SIGMAS = 3.0
 WRONG_LENGTH = 1.1
 """A page that is fitted to its paper shrinks by up to 6 %; a target off by more than a tenth is another one, or in
 another unit, or of unknown scale: no calibration is handed out of it."""
@@ -63,12 +65,15 @@ def sized(case: Case, repaired: Case, found: Measured, p: float) -> Finding:
     """The finding that the target is `found` times as large as in the case, with the case repaired."""
     value, sigma = found.value, found.sigma
     evidence = Evidence(case.loop, repaired.loop)
-    unit = next((words for ratio, words in UNITS.items() if abs(value / ratio - 1) < UNIT_SHARE), None)
-    text = f"{ratio_text(value, sigma)} times as large as given"
-    cause = f" ({unit})" if unit else ""
-    share = f"; at that size {evidence.text}"
     gross = max(value, 1 / value) > WRONG_LENGTH
+    near = max(UNIT_SHARE, SIGMAS * sigma / value)
+    unit = next((words for ratio, words in UNITS.items() if gross and abs(value / ratio - 1) < near), None)
+    text = f"{ratio_text(value, sigma)} times as large as given"
+    cause = f" ({unit}, or the poses are in another unit than they were read in)" if unit else ""
+    share = f"; at that size {evidence.text}"
     way_out = "measure the target, and give its real size"
+    if unit:
+        way_out = "say the unit of the target in its spec, or of the poses (--pose-units), as it is"
     if case.data.views is None:
         way_out += ", or, for a track of unknown scale, --target-scale free"
     return Finding(

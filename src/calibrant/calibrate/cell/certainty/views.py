@@ -1,0 +1,93 @@
+"""What the points of a view, or a dot of the board in all views, err alike by, in the lens of a cell.
+
+The clusters are those of `intrinsics.shared_errors`, by the influence that every residual has on the lens in the cell
+(`optimize.clusters`). A robot's pose is one cluster with what was seen there, since it takes a part of it. The poses'
+own share of errors that all points of a view have is in the noise level of the robot, which is found with the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from calibrant.arrays import Array, Indices
+from calibrant.calibrate.cell.problem.groups import extra_variable, lens_variable, pictures_factor, robot_groups
+from calibrant.calibrate.cell.problem.problem import Cell
+from calibrant.calibrate.intrinsics.shared_errors import ROUNDING_PX, places
+from calibrant.data import View
+from calibrant.optimize import cluster_kernels
+from calibrant.optimize.clusters import Clusters, corrected, influence, square_root
+from calibrant.optimize.solution import Solution
+
+Label = Callable[[str, View], Iterator[object]]
+"""(name of the moment, view) -> the cluster of each of its points."""
+
+
+Edge = tuple[str, View | None]
+"""A moment with its view, or the pose alone."""
+_Rows = tuple[Array, Array, list[Edge]]
+"""Influence (N, d, p), residuals (N, d), and the edges they belong to."""
+
+
+def lens_shares(cell: Cell, solution: Solution, camera: str, *, sigma_px: float) -> Array | None:
+    """What is added to the covariance (p, p) of a lens, natural tangent, by errors that its residuals share.
+
+    None for a lens that is held, and for exact data. sigma_px: the noise of the camera's points.
+    """
+    lens = lens_variable(camera)
+    plain = replace(solution, around=(), beside=None)
+    C = plain.covariance(lens)
+    if sigma_px < ROUNDING_PX or not np.any(C):
+        return None
+    root, inverse = square_root(C)
+    rows = list(_rows(cell, plain, camera, inverse))
+    size = cell.roles[camera].camera.image_size
+    out = np.zeros_like(C)
+    for label in (_by_view, _by_point, lambda moment, v: iter(places(v.uv, size).tolist())):
+        shared = _clusters(rows, label, root).shared
+        out += root @ shared @ root.T
+    return out
+
+
+def _by_view(moment: str, view: View) -> Iterator[object]:
+    return iter([moment] * len(view))
+
+
+def _by_point(moment: str, view: View) -> Iterator[object]:
+    return iter(view.point_ids.tolist())
+
+
+def _rows(cell: Cell, solution: Solution, camera: str, onto: Array) -> Iterator[_Rows]:
+    lens = lens_variable(camera)
+    edges: list[Edge]
+    there = {f.name for f in solution.problem.factors}
+    for i, p, _ in cell.lists:
+        if p.camera == camera and p.seen is not None and cell.used_views(i):
+            edges = [(f"{p.robot}/{m}", v) for m, v in zip(cell.used_ids(i), cell.used_views(i))]
+            yield *influence(solution, pictures_factor(i), lens, onto=onto), edges
+    if extra_variable(camera) in there:
+        edges = [(f"/{v.id}", v) for v in cell.roles[camera].extra]
+        yield *influence(solution, extra_variable(camera), lens, onto=onto), edges
+    for robot in cell.layout.robots:
+        for group in robot_groups(robot):
+            if group in there and robot not in cell.free:
+                edges = [(f"{robot}/{m}", None) for m in cell.moments(robot)]
+                yield *influence(solution, group, lens, onto=onto), edges
+
+
+def _clusters(rows: list[_Rows], label: Label, root: Array) -> Clusters:
+    """The clusters of all rows; a pose alone is one by its moment."""
+    number: dict[object, int] = {}
+    labels: list[Indices] = []
+    for _, _, edges in rows:
+        names: list[object] = []
+        for moment, view in edges:
+            names += [moment] if view is None else label(moment, view)
+        labels.append(np.array([number.setdefault(n, len(number)) for n in names], dtype=np.int64))
+    p = root.shape[1]
+    sums, G = np.zeros((len(number), p)), np.zeros((len(number), p, p))
+    for (influences, residuals, _), mine in zip(rows, labels):
+        cluster_kernels.add_rows(np.ascontiguousarray(influences), np.ascontiguousarray(residuals), mine, sums, G)
+    return corrected(sums, G, root=root)

@@ -110,8 +110,8 @@ def code_fingerprint() -> str:
     """SHA-256 of the detectors' own code, the targets' and the versions below them."""
     digest = hashlib.sha256(f"{__version__} {cv2.__version__} {np.__version__}".encode())
     here = Path(__file__).parent
-    for file in sorted([*here.glob("*.py"), *(here.parent / "targets").glob("*.py")]):
-        digest.update(file.name.encode())
+    for file in sorted([*here.rglob("*.py"), *(here.parent / "targets").rglob("*.py")]):
+        digest.update(file.relative_to(here.parent).as_posix().encode())
         digest.update(file.read_bytes())
     return digest.hexdigest()
 
@@ -126,6 +126,7 @@ def _encoded(size: Size, detection: Detection) -> dict[str, Any]:
         "reason": detection.reason,
         "notes": list(detection.notes),
         "looks_like": detection.looks_like,
+        "another": detection.another,
     }
 
 
@@ -139,4 +140,5 @@ def _decoded_detection(content: Mapping[str, Any]) -> tuple[Size, Detection]:
         content["reason"],
         tuple(content["notes"]),
         content["looks_like"],
+        bool(content["another"]),
     )

@@ -18,7 +18,8 @@ class Detection:
 
     point_ids (n,) labels of the target's points; uv (n, 2) pixels; sigma_px (n,) standard deviation of each point per
     axis, or None where the method cannot say; notes: what a person should know, in whole sentences; looks_like: what
-    kind of target the image shows in place of the one asked for, e.g. "9x6 inner corners".
+    kind of target the image shows in place of the one asked for, e.g. "9x6 inner corners"; another: whether that cannot
+    be the target asked for, seen in part.
     """
 
     point_ids: NDArray[np.int64]
@@ -27,6 +28,7 @@ class Detection:
     reason: str | None = None
     notes: tuple[str, ...] = ()
     looks_like: str | None = None
+    another: bool = False
 
     @property
     def found(self) -> bool:
@@ -34,9 +36,11 @@ class Detection:
         return self.reason is None
 
     @classmethod
-    def nothing(cls, reason: str, *, notes: tuple[str, ...] = (), looks_like: str | None = None) -> Detection:
+    def nothing(
+        cls, reason: str, *, notes: tuple[str, ...] = (), looks_like: str | None = None, another: bool = False
+    ) -> Detection:
         """No points, and why."""
-        return cls(np.empty(0, np.int64), np.empty((0, 2)), None, reason, notes, looks_like)
+        return cls(np.empty(0, np.int64), np.empty((0, 2)), None, reason, notes, looks_like, another)
 
 
 class Detector(Protocol):

@@ -92,6 +92,7 @@ def detect(
         readable = [d for d in done if d.size is not None]
         mirrored = _found_mirrored([d.file for d in readable], wanted, mirror_x)
         raise DetectionError(_why_none(readable, wanted, len(done)) + mirrored)
+    _refuse_another_target([d.detection for d in done], wanted)
     names = distinct_names([d.file for d in done])
     points, row_of = wanted.points, {int(label): row for row, label in enumerate(wanted.point_ids)}
     views = tuple(_detected_view(d, names[d.file], points, row_of, camera) for d in found)
@@ -203,14 +204,30 @@ def _common_size(done: Sequence[ImageDetection]) -> tuple[int, int]:
     return first.size
 
 
+def _refuse_another_target(detections: Sequence[Detection], target: Target) -> None:
+    """Raises: DetectionError where more images show one other target than show the one asked for."""
+    others = Counter(d.looks_like for d in detections if d.another and d.looks_like)
+    found = sum(d.found for d in detections)
+    if others and others.most_common(1)[0][1] > found:
+        seen, times = others.most_common(1)[0]
+        raise DetectionError(
+            f"{times} of {len(detections)} images look like {seen}, you asked for {_asked(target, seen)}, which "
+            f"{found} {'seems' if found == 1 else 'seem'} to show: give the target that most show, or leave the images "
+            "of the other out"
+        )
+
+
+def _asked(target: Target, seen: str) -> str:
+    """A target's spec to show beside what was seen: where it is the size that differs, the rest would hide it."""
+    return target.spec.split(":")[1] if seen[0].isdigit() else target.spec
+
+
 def _why_none(readable: Sequence[ImageDetection], target: Target, count: int) -> str:
     looks = Counter(d.detection.looks_like for d in readable if d.detection.looks_like)
     head = f"0 of {count} boards found"
     if looks:
         seen = looks.most_common(1)[0][0]
-        # Where it is the size that differs, the rest of the spec would hide it.
-        asked = target.spec.split(":")[1] if seen[0].isdigit() else target.spec
-        return f"{head}; the images look like {seen}, you asked for {asked}"
+        return f"{head}; the images look like {seen}, you asked for {_asked(target, seen)}"
     reason, times = Counter(d.detection.reason for d in readable).most_common(1)[0]
     where = "every image" if times == count else f"{times} of the images"
     return f"{head}; {where}: {reason}"

@@ -18,7 +18,8 @@ from calibrant.arrays import Grey
 from calibrant.cameras.camera import Camera
 from calibrant.detection.charuco.by_camera import agrees, maps_from_camera
 from calibrant.detection.charuco.corners import Corners, corner_anchors, corners_at, grow_corners, marker_anchors
-from calibrant.detection.charuco.reasons import why_not_found
+from calibrant.detection.charuco.reasons import another_board, why_not_found
+from calibrant.detection.charuco.size import measured_marker
 from calibrant.detection.detection import Detection
 from calibrant.detection.opencv import Markers
 from calibrant.detection.subpixel.refinement import DEFAULT, Refinement
@@ -27,6 +28,7 @@ from calibrant.detection.tags.codes import read_codes
 from calibrant.detection.tags.search import CLEAR, THIN, Effort, Ink, efforts, find_quads_at
 from calibrant.errors import InputError
 from calibrant.targets.charuco import Charuco
+from calibrant.targets.lengths import format_length
 from calibrant.targets.target import Target
 
 # The search starts at about this many pixels along the longer side: a board that fills a quarter of the picture still
@@ -44,14 +46,18 @@ REACH_BOARDS = 1.2
 CAMERA_ROUNDS = 2
 # Markers read with another id than the place's: one in five may be misread; more, and this is another board.
 OTHER_MARKERS = 0.2
+# With as many of the markers beside its corners read, it is the board asked for: shifted or exchanged, hardly one fits.
+SURE = 0.8
 
 
 @dataclass(frozen=True, eq=False)
 class _Board:
-    """A board found: the target as printed (layout and colours), its corners, and how many markers confirmed it."""
+    """A board found: the target as printed (layout and colours), its corners, how many places of markers lie beside
+    these, and how many markers were read there."""
 
     printed: Charuco
     corners: Corners
+    places: int
     confirmed: int
 
 
@@ -73,9 +79,14 @@ class CharucoDetector:
         for markers, looked_at in _searches(grey, target):
             board = _best_board(grey, target, markers, self.refinement)
             if board is not None:
+                if board.confirmed < SURE * board.places:
+                    shown = _all_markers(grey, board, markers)
+                    other = another_board(target, shown, _at_their_places(board, shown))
+                    if other is not None:
+                        return other
                 if camera is not None:
                     board = _with_camera(grey, board, camera, markers, self.refinement)
-                return _detection(target, board)
+                return _detection(target, board, measured_marker(markers, board.printed, board.corners))
             seen = markers if len(markers) > len(seen) else seen
             quads = looked_at if len(looked_at) > len(quads) else quads
         return why_not_found(grey, target, seen, quads)
@@ -150,7 +161,30 @@ def _confirmed(grey: Grey, printed: Charuco, corners: Corners, markers: Markers)
     others = int(np.count_nonzero(at_place & (markers.ids[:, None] != ids)))
     if confirmed < LEAST_MARKERS or others > max(1.0, OTHER_MARKERS * confirmed):
         return None
-    return _Board(printed, corners, confirmed)
+    return _Board(printed, corners, len(ids), confirmed)
+
+
+def _all_markers(grey: Grey, board: _Board, markers: Markers) -> Markers:
+    """The markers found, and those that are read where the board has some, whichever they are."""
+    centres = (board.printed.marker_squares + 0.5).astype(np.float64)
+    maps = corner_anchors(board.corners, board.printed).maps_at(centres)
+    maps = maps.subset(maps.determined & _near_a_corner(centres, board.printed, board.corners))
+    half = 0.5 * board.printed.marker / board.printed.square
+    quads = maps.pixels(half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]))
+    shown = read_codes(grey, quads, board.printed.dictionary)
+    away = np.linalg.norm(markers.corners.mean(axis=1)[:, None] - shown.corners.mean(axis=1)[None], axis=-1)
+    size = np.linalg.norm(markers.corners[:, 2] - markers.corners[:, 0], axis=-1)
+    rest = markers.subset(away.min(axis=1, initial=np.inf) > 0.5 * size)
+    return Markers(np.concatenate([shown.ids, rest.ids]), np.concatenate([shown.corners, rest.corners]))
+
+
+def _at_their_places(board: _Board, markers: Markers) -> int:
+    """How many markers lie where the board has them, as far as its corners tell its places."""
+    on_board = markers.subset(markers.ids < board.printed.marker_count)
+    places = (board.printed.marker_squares[on_board.ids] + 0.5).astype(np.float64)
+    maps = corner_anchors(board.corners, board.printed).maps_at(places)
+    away = np.linalg.norm(on_board.corners.mean(axis=1) - maps.centres, axis=1)
+    return int(np.count_nonzero(~maps.determined | (away < 0.5 * maps.square_px)))
 
 
 def _near_a_corner(centres: np.ndarray, printed: Charuco, corners: Corners) -> np.ndarray:
@@ -181,8 +215,15 @@ def _with_camera(grey: Grey, board: _Board, camera: Camera, markers: Markers, ho
     return best
 
 
-def _detection(target: Charuco, board: _Board) -> Detection:
+def _detection(target: Charuco, board: _Board, marker: float | None) -> Detection:
+    """Args: marker: side of the markers as measured, of a square's, where it is another one than the target's."""
     notes = []
+    if marker is not None:
+        notes.append(
+            f"The markers measure about {marker:.2f} of a square's side, the spec says "
+            f"{target.marker / target.square:.2f} ({format_length(target.marker)} of {format_length(target.square)}): "
+            "measure both and correct the spec."
+        )
     if board.printed.legacy != target.legacy:
         layout, option = ("legacy", "add :legacy") if board.printed.legacy else ("new", "leave :legacy out")
         notes.append(f"The board has the {layout} layout of its markers: {option} in the spec to say so.")

@@ -8,6 +8,7 @@ from calibrant.arrays import Array, Grey
 from calibrant.detection.charuco.size import size_seen
 from calibrant.detection.detection import Detection
 from calibrant.detection.opencv import Markers
+from calibrant.detection.tags.agreement import agreeing_group
 from calibrant.detection.tags.codes import read_codes
 from calibrant.targets.charuco import Charuco
 from calibrant.targets.dictionaries import DICTIONARIES
@@ -27,6 +28,8 @@ _FAMILIES = (
 )
 # Small dictionaries are misread in texture now and then; three different markers of one are no accident.
 _LEAST_OTHER_MARKERS = 3
+# Markers away from their places, over those at them, beyond which another board is looked for: one in five is misread.
+OTHERS = 0.25
 
 
 def why_not_found(grey: Grey, target: Charuco, markers: Markers, quads: Array) -> Detection:
@@ -45,6 +48,7 @@ def why_not_found(grey: Grey, target: Charuco, markers: Markers, quads: Array) -
             f"markers of {target.dictionary} with ids up to {ids[-1]} seen, a board of {size} squares has 0..{last}; "
             "give the board's real size in squares",
             looks_like=f"a ChArUco board with ids up to {ids[-1]}",
+            another=True,
         )
     on_board = int(np.count_nonzero(ids <= last))
     if on_board >= _LEAST_OTHER_MARKERS:
@@ -61,8 +65,24 @@ def why_not_found(grey: Grey, target: Charuco, markers: Markers, quads: Array) -
         return Detection.nothing(
             f"markers of {other} seen, you asked for {target.dictionary}",
             looks_like=f"a ChArUco board with {other}",
+            another=True,
         )
     return Detection.nothing(f"no markers of {target.dictionary} seen")
+
+
+def another_board(target: Charuco, markers: Markers, explained: int) -> Detection | None:
+    """No points, where the markers lie as on a board of another size, and more of them than on the one asked for.
+
+    Args: explained: how many of the markers lie where the board asked for has them.
+    """
+    others = len(markers) - explained
+    if others < _LEAST_OTHER_MARKERS or others <= OTHERS * explained:
+        return None
+    seen = size_seen(markers, target)
+    if seen is None or (seen.columns, seen.rows) == (target.columns, target.rows):
+        return None
+    more = int(np.count_nonzero(agreeing_group(markers, seen))) > explained
+    return _another_size(seen, target) if more else None
 
 
 def _another_size(seen: Charuco, target: Charuco) -> Detection:
@@ -72,7 +92,9 @@ def _another_size(seen: Charuco, target: Charuco) -> Detection:
         # Rows below the picture's edge cannot be counted; the markers' numbers tell the columns from any part.
         cut = seen.rows < target.rows
         looks_like = f"{seen.columns} columns of squares, {seen.rows} rows of them seen" if cut else f"{size} squares"
-        return Detection.nothing(f"the image looks like {looks_like}, you asked for {asked}", looks_like=looks_like)
+        return Detection.nothing(
+            f"the image looks like {looks_like}, you asked for {asked}", looks_like=looks_like, another=True
+        )
     marker, square = format_length(round(seen.marker, 4)), format_length(target.square)
     return Detection.nothing(
         f"its markers measure {marker} on squares of {square}, you asked for {format_length(target.marker)}",

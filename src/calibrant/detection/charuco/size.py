@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from calibrant.detection.charuco.corners import Corners, corner_anchors
 from calibrant.detection.opencv import Markers
 from calibrant.detection.tags.agreement import NEIGHBOUR_SQUARES, agreeing_group
 from calibrant.targets.charuco import Charuco
@@ -24,6 +25,11 @@ LEAST_MARKERS = 6
 LEAST_PART = 0.7
 """Of the markers seen that must agree; the others may be misread, or on another board."""
 MOST_COLUMNS = 40
+LEAST_MEASURED = 3
+OTHER_MARKER, OUTLINE_PX = 0.1, 2.0
+"""What a marker's side may be off the spec's, relative and in pixels: outlines are good to a pixel at each end."""
+ROUNDED = 0.05
+"""Of a square's side: what is said of a marker's size, so that pictures of one board say the same."""
 LARGEST_PROPORTION = 5.0
 """Square over marker: markers any smaller are not read at a distance that shows the board."""
 
@@ -47,6 +53,30 @@ def size_seen(markers: Markers, target: Charuco) -> Charuco | None:
         return None
     unclear = len(best) > 1 and best[1][0] == best[0][0]
     return None if unclear else best[0][1]
+
+
+def measured_marker(markers: Markers, board: Charuco, corners: Corners) -> float | None:
+    """Side of the markers over that of the squares, to ROUNDED; None where it is the board's own.
+
+    Sides are turned into squares by the map that the corners around give; their median counts from LEAST_MEASURED on.
+    """
+    on_board = markers.subset(markers.ids < board.marker_count)
+    if len(on_board) < LEAST_MEASURED:
+        return None
+    places = (board.marker_squares[on_board.ids] + 0.5).astype(np.float64)
+    maps = corner_anchors(corners, board).maps_at(places)
+    away = np.linalg.norm(on_board.corners.mean(axis=1) - maps.centres, axis=1)
+    good = maps.determined & (away < 0.5 * maps.square_px)
+    if np.count_nonzero(good) < LEAST_MEASURED:
+        return None
+    maps, seen = maps.subset(good), on_board.corners[good]
+    sides = np.linalg.solve(maps.px_per_square[:, None], (np.roll(seen, -1, axis=1) - seen)[..., None])[..., 0]
+    part = float(np.median(np.linalg.norm(sides, axis=2).mean(axis=1)))
+    own = board.marker / board.square
+    off_px = abs(part - own) * float(np.median(maps.square_px))
+    if abs(part / own - 1.0) < OTHER_MARKER or off_px < OUTLINE_PX:
+        return None
+    return ROUNDED * round(part / ROUNDED)
 
 
 def _boards(target: Charuco, last_id: int) -> Iterator[Charuco]:

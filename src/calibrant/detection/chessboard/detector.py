@@ -240,4 +240,6 @@ def _not_found(others: list[_Found], target: Chessboard) -> Detection:
             f"{asked} corners were seen, but the pattern goes on beyond them: it is larger than {asked}, or a floor"
         )
     size = f"{columns}x{rows} inner corners"
-    return Detection.nothing(f"the image looks like {size}, you asked for {asked}", looks_like=size)
+    # Fewer corners each way may be a part of the board, whose others are hidden.
+    another = columns > target.columns or rows > target.rows
+    return Detection.nothing(f"the image looks like {size}, you asked for {asked}", looks_like=size, another=another)

@@ -214,4 +214,6 @@ def _not_found(seen: list[tuple[int, int]], target: Circles) -> Detection:
             "a grid of circles was seen, but which dot is which cannot be told: show its origin, or all of its sides"
         )
     size = f"{columns}x{rows} circles"
-    return Detection.nothing(f"the image looks like {size}, you asked for {asked}", looks_like=size)
+    # Fewer dots each way may be a part of the grid, whose others are hidden.
+    another = columns > target.columns or rows > target.rows
+    return Detection.nothing(f"the image looks like {size}, you asked for {asked}", looks_like=size, another=another)

@@ -1,0 +1,69 @@
+"""A spec that is not the board's: no wrong numbers are given, and what the board is, is named."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from tests.detection.charuco_scenes import facing, photograph
+
+from calibrant.detection.charuco.detector import CharucoDetector
+from calibrant.detection.images.images import load_grey
+from calibrant.detection.pipeline import detect
+from calibrant.errors import DetectionError
+from calibrant.targets.charuco import Charuco
+from calibrant.targets.registry import parse_target
+
+BOARD = Charuco(5, 7, 0.03, 0.022, "DICT_5X5_100")
+QUADS = (
+    0.75 * np.array([[150.0, 20.0], [470.0, 40.0], [480.0, 450.0], [130.0, 430.0]]),
+    0.75 * np.array([[180.0, 60.0], [420.0, 20.0], [490.0, 420.0], [110.0, 380.0]]),
+    0.75 * np.array([[120.0, 30.0], [400.0, 60.0], [420.0, 440.0], [150.0, 460.0]]),
+)
+
+
+def picture(k: int, board: Charuco = BOARD) -> np.ndarray:
+    return photograph(board, facing(board, quad=QUADS[k]), seed=k)[0]
+
+
+@pytest.mark.parametrize("k", range(len(QUADS)))
+def test_columns_and_rows_exchanged(k: int) -> None:
+    found = CharucoDetector().detect(picture(k), replace(BOARD, columns=7, rows=5))
+    assert found.reason == "the image looks like 5x7 squares, you asked for 7x5"
+    assert found.another
+
+
+@pytest.mark.parametrize("name", ["1", "2", "15"])
+def test_exchanged_on_photos_that_were_misnumbered(shared_data: Callable[[str], Path], name: str) -> None:
+    # 8 to 16 corners of each were given the numbers of others, by two markers that lie alike on both boards.
+    grey = load_grey(shared_data("handeye_rct_charuco_static") / "images" / f"{name}.png")
+    found = CharucoDetector().detect(grey, parse_target("charuco:7x5:36.195mm:18.256mm:DICT_6X6_250"))
+    assert found.reason == "the image looks like 5x7 squares, you asked for 7x5"
+
+
+@pytest.mark.parametrize("asked", [0.018, 0.0275])
+def test_a_marker_s_size_that_is_off_by_a_fifth_is_named(asked: float) -> None:
+    found = CharucoDetector().detect(picture(0), replace(BOARD, marker=asked))
+    said = found.reason if found.notes == () else found.notes[0]
+    assert said is not None
+    assert "measure" in said
+    assert any(text in said for text in ("0.70 of a square", "0.75 of a square", "21.", "22mm"))
+
+
+def test_the_right_size_is_not_doubted() -> None:
+    assert CharucoDetector().detect(picture(0), BOARD).notes == ()
+
+
+def test_a_run_whose_images_mostly_show_another_board_is_refused(tmp_path: Path) -> None:
+    other = replace(BOARD, columns=7, rows=5)
+    turned = [np.roll(q, 1, axis=0) for q in QUADS]
+    for k in range(2):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), photograph(other, facing(other, quad=turned[k]), seed=k)[0])
+    cv2.imwrite(str(tmp_path / "2.png"), picture(2))
+    with pytest.raises(DetectionError, match=r"2 of 3 images look like 7 columns .* you asked for 5x7, which 1 seems"):
+        detect(tmp_path, target=BOARD)
+    assert len(detect(tmp_path, target=other).views) == 2

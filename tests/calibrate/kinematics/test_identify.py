@@ -233,9 +233,10 @@ def test_a_real_positioner_without_any_model(shared_data: Callable[[str], Path])
     assert len(found.axes) == 2
     for axis in found.axes:
         assert axis.sigma_direction_deg is not None
-        assert axis.sigma_direction_deg < 0.01
+        # Neighbouring measurements err alike there (lag-1 correlation 0.6 to 0.8): alone they would have 0.005 deg.
+        assert axis.sigma_direction_deg < 0.03
         assert axis.sigma_point_mm is not None
-        assert axis.sigma_point_mm < 0.1
+        assert axis.sigma_point_mm < 0.4
     # The maker's drawing of a positioner: two axes that cross at a right angle; within what the axes' sigmas allow.
     first, second = calibration.model.chain.directions  # type: ignore[attr-defined]
     assert abs(np.rad2deg(np.arccos(first @ second)) - 90) < 0.1

@@ -85,7 +85,7 @@ def test_a_positioner_needs_no_robot_file(
     first = result["details"]["joint_axes"]["axes"][0]
     row = report.read_text().split("target_joints_1</th>")[1].split("</tr>")[0]
     assert ", ".join(f"{v:.6f}" for v in first["direction"]) in row
-    assert f">{first['sigma_point_mm']:.3f}<" in row
+    assert f">{first['sigma_point_mm']:.2g}<" in row
     assert result["figures"]["rms_after_mm"]["value"] <= 0.41
     assert result["figures"]["rms_after_deg"]["value"] <= 0.055
     assert [axis["kind"] for axis in result["details"]["joint_axes"]["axes"]] == ["revolute", "revolute"]

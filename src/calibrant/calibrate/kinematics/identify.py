@@ -10,7 +10,7 @@ only carry noise into poses between the measured ones.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,11 +26,13 @@ from calibrant.calibrate.kinematics.problem import (
     model_errors,
     model_problem,
 )
+from calibrant.calibrate.kinematics.shared_errors import with_shared_errors
 from calibrant.calibrate.kinematics.start import base_and_tool, free_chain
 from calibrant.data.joint_measurements import JointMeasurements
 from calibrant.errors import InputError, RefusedError
 from calibrant.optimize.levenberg_marquardt import solve
 from calibrant.optimize.noise import NoiseLevel, estimate_noise
+from calibrant.optimize.solution import Solution
 from calibrant.robots.geometry import ParametricChain
 from calibrant.robots.limits import check_limits
 
@@ -64,6 +66,7 @@ class KinematicCalibration:
     covariance (p, p) of all parameters, zero where held. noise: levels "position" (m) and "rotation" (rad), per axis.
     before, after: errors of the two models on the measurements used; held_out: of models fitted without them.
     used (n,): False for outliers. base_free, tool_free: whether these were unknown.
+    shared_times: how much wider sigma is for errors that neighbours share.
     """
 
     nominal: RobotModel
@@ -78,6 +81,7 @@ class KinematicCalibration:
     held_out: ModelErrors | None
     outlier_sizes: Array
     free_model: bool
+    shared_times: float
     base_free: bool
     tool_free: bool
 
@@ -92,6 +96,7 @@ class _Fit:
     model: RobotModel
     covariance: Array
     noise: Mapping[str, NoiseLevel]
+    solution: Solution
 
 
 def calibrate_kinematics(
@@ -125,8 +130,7 @@ def calibrate_kinematics(
         nominal = _fitted_frames(start, measurements, frames)
     candidates = np.array([p.group in groups for p in start.parameters])
     posed = measurements.rotations is not None
-    if not posed:
-        # A point has no orientation.
+    if not posed:  # a point has no orientation
         candidates &= [not p.name.startswith("tool rotation") for p in start.parameters]
     chosen = select(nominal, measurements.joints, candidates, rotations_measured=posed)
     _require_frames(nominal, candidates, chosen.keep, chosen.reasons)
@@ -136,6 +140,8 @@ def calibrate_kinematics(
     if not used.all():
         fit = _fit_model(fit.model, measurements.take(np.flatnonzero(used)), keep)
     kept = measurements.take(np.flatnonzero(used))
+    covariance, times = with_shared_errors(fit.solution, kept.joints)
+    fit = replace(fit, covariance=covariance)
     return KinematicCalibration(
         nominal=nominal,
         model=fit.model,
@@ -149,6 +155,7 @@ def calibrate_kinematics(
         held_out=_held_out_errors(fit, kept, keep),
         outlier_sizes=sizes,
         free_model=chain is None,
+        shared_times=times,
         base_free="base" not in hold,
         tool_free="tool" not in hold,
     )
@@ -198,7 +205,7 @@ def _fit_model(model: RobotModel, measurements: JointMeasurements, free: Mask) -
     solution = estimate.solution
     if not solution.converged:
         raise RefusedError(f"the identification did not settle: {solution.message}; check joints, poses and units")
-    return _Fit(model.with_state(solution.value("model")[0]), solution.covariance("model"), estimate.levels)
+    return _Fit(model.with_state(solution.value("model")[0]), solution.covariance("model"), estimate.levels, solution)
 
 
 def _fit_known_well(

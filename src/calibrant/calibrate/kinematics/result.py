@@ -24,6 +24,8 @@ from calibrant.robots.poe import ProductOfExponentials
 DOUBTED, DISAGREES = 0.02, 0.05
 """Share of the motion that an identified arm may leave: one that nobody identified leaves a hundredth (millimetres of
 some hundred), rows of two arms or of two places of the tracker tens of per cent."""
+SHARED_SAID = 1.3
+"""How much wider sigma is for shared errors before it is said: by chance a fit of sixty has 1.2."""
 HELD_OUT_FACTOR = 1.5
 """Held-out errors this many times those of the fit mean that the fit follows the noise: with twice as many numbers as
 unknowns the expected ratio is sqrt((1 + 1/2) / (1 - 1/2)) = 1.7, with five times as many 1.2."""
@@ -136,6 +138,11 @@ def _kinematic_checks(calibration: KinematicCalibration) -> tuple[Check, ...]:
         Check("parameters", "ok", f"{fitted} parameters identified, {held_back} redundant or held", float(fitted)),
         _fit_check(calibration),
     ]
+    if calibration.shared_times >= SHARED_SAID:
+        text = (
+            f"neighbouring measurements err alike: every sigma holds it, {calibration.shared_times:.1f} times their own"
+        )
+        checks.append(Check("shared-errors", "ok", text, calibration.shared_times))
     if unshown:
         names = ", ".join(p.parameter.name for p in unshown[:5]) + (" …" if len(unshown) > 5 else "")
         first = unshown[0]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -32,6 +32,10 @@ EXAMPLE = (
     'poses="poses.csv", target="chessboard:9x6:25mm")'
 )
 PLACEMENTS = ("still", "moves")
+LEAST_SPARE = 30
+"""Numbers that tell a noise level to 13 %."""
+COARSE_PX = 1.0
+"""Corners are found to some tenths of a pixel where the lens is known: beyond a pixel the lens is another."""
 NO_FIT = 10.0
 """Times their noise that the residuals may be: what is off by more are photos of another camera, pose or place."""
 DO_NOT_FIT = (
@@ -67,7 +71,7 @@ class Request:
     target_stands: Annotated[str, Option("HOW")] = "still"
     """still: in one place for all photos; moves: the n-th photos of both show its n-th place."""
     sigma_px: Annotated[str | None, Option("LENGTH")] = None
-    """Noise of the external camera's corners; that of the wrist camera unless given."""
+    """Noise of the external camera's corners; what its own views leave unless given."""
     arm: RobotOptions = RobotOptions()
     form: PoseOptions = PoseOptions()
 
@@ -106,7 +110,7 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
         raise InputError(f"--target-stands {request.target_stands}: choose {' or '.join(PLACEMENTS)}")
     if request.target is None:
         raise InputError("photos need the board they show: --target, such as chessboard:9x6:25mm")
-    wrist, noise = wrist_of(request.wrist, pixels(request.sigma_px, option="--sigma-px"))
+    wrist, noise = wrist_of(request.wrist)
     raw = request.form.read(request.poses, request.arm)
     near = _boards(request, request.wrist_images, "wrist", listener)
     far = _boards(request, request.external_images, "external", listener)
@@ -118,6 +122,8 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     external = read_camera(request.camera, image_size=next(iter(far.image_sizes.values())))
     pairing = match_raw(raw, [v.id for v in near.views])
     session.load_solver(listener)
+    given = pixels(request.sigma_px, option="--sigma-px")
+    noise = replace(noise, external_px=given or own_noise(external, far.views) or noise.external_px)
 
     def attempt(reading: PoseNotation) -> Taken:
         T = reading.T_base_gripper[list(pairing.pose_index)]
@@ -129,12 +135,29 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
             raw, attempt, lambda t: t.known.solution.cost if t.known.solution else float("inf"),
             fits=lambda t: t.off < NO_FIT, what=DO_NOT_FIT,
         )  # fmt: skip
-    result = _dynamic_result(chosen.outcome, request, chosen.reading.description, pairing.message)
+    result = _dynamic_result(chosen.outcome, request, chosen.reading.description, pairing.message, noise)
     refuse_if_failed(result)
     return Outcome(result=result)
 
 
-def wrist_of(path: Path, sigma_px: float | None) -> tuple[WristCamera, DynamicNoise]:
+def own_noise(camera: Camera, views: Sequence[View]) -> float | None:
+    """Pixels per axis that the views of a camera leave, each at its own pose; None where they are too few points.
+
+    Another lens, another distance and another light than the wrist camera's: its noise says nothing of this one's.
+    """
+    import numpy as np
+
+    from calibrant.calibrate.pose.target_poses import target_poses
+
+    spare = sum(2 * len(v) - 6 for v in views)
+    if spare < LEAST_SPARE:
+        return None
+    found = target_poses(camera, views)
+    counts = np.array([len(v) for v in views])
+    return float(np.sqrt(np.sum(counts * found.rms_px**2) / spare))
+
+
+def wrist_of(path: Path) -> tuple[WristCamera, DynamicNoise]:
     """The wrist camera with its joint covariance, and the noise, from a hand-eye result.
 
     Raises: InputError for a result that is not of a camera on the gripper, or was not made from images.
@@ -152,7 +175,7 @@ def wrist_of(path: Path, sigma_px: float | None) -> tuple[WristCamera, DynamicNo
     rows = np.r_[0:6, 12 : 12 + len(budget.camera.values)]
     covariance = budget.covariance[np.ix_(rows, rows)]
     n = budget.noise
-    noise = DynamicNoise(n.pixel, sigma_px or n.pixel, n.robot_rotation, n.robot_translation)
+    noise = DynamicNoise(n.pixel, n.pixel, n.robot_rotation, n.robot_translation)
     return WristCamera(budget.camera, budget.X, covariance), noise
 
 
@@ -199,7 +222,9 @@ def _boards(request: Request, images: Sequence[str], camera: str, listener: List
     return found
 
 
-def _dynamic_result(taken: Taken, request: Request, reading: str, pairing: str) -> CalibrationResult:
+def _dynamic_result(
+    taken: Taken, request: Request, reading: str, pairing: str, noise: DynamicNoise
+) -> CalibrationResult:
     import numpy as np
 
     from calibrant.data import CalibrationResult, Check, Measured, verdict_of
@@ -219,6 +244,10 @@ def _dynamic_result(taken: Taken, request: Request, reading: str, pairing: str) 
         checks.append(Check("consistency", "warn", words, float(len(taken.surprises))))
     else:
         checks.append(Check("consistency", "ok", f"{len(known.sights)} views agree within their noise", 0.0))
+    levels = f"noise of a corner: {noise.wrist_px:.2g} px (wrist), {noise.external_px:.2g} px (external)"
+    coarse = noise.external_px > COARSE_PX
+    levels += "; is the external camera's file that of the camera that took them?" if coarse else ""
+    checks.append(Check("noise", "warn" if coarse else "ok", levels, noise.external_px))
     checks += [Check("pose-reading", "ok", reading), Check("pairing", "ok", pairing)]
     shares = {f"variance by {source}": Measured(round(share, 4)) for source, share in known.shares.items()}
     return stamp(

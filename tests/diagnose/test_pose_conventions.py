@@ -81,7 +81,7 @@ def test_the_message_says_what_no_data_can_tell(tmp_path: Path) -> None:
         "poses read as positions in m, quaternions x y z w, T_base_gripper, eye-in-hand: the loop closes to" in message
     )
     assert "eye-to-hand with poses given as T_gripper_base would fit as well, but that puts the target" in message
-    assert "puts the target 0.55 m from the gripper that carries it and the camera 0.11 m from the base" in message
+    assert "puts the target 0.55 m from the gripper and the camera 0.11 m from the base" in message
 
 
 def test_inverted_poses_are_found_by_the_cell_they_would_make(tmp_path: Path) -> None:

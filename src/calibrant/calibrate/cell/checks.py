@@ -168,11 +168,10 @@ def image_poses_check(found: ImagePoses | None, robot: SigmaRobot | None) -> tup
         return (Check("image-poses", "ok", message, ratio),)
     message = (
         f"the target poses from the images err like points of {found.px:.2g} px, {ratio:.2g} times the points' scatter "
-        f"({found.scatter_px:.2g} px): all points of an image are off together, by the lens model, a board that is not "
-        f"flat, or how its points are found. Beside them the robot errs by {_size(found.robot_mm, 'mm')} / "
-        f"{_size(found.robot_deg, 'deg')}; the robot noise stated, {robot.mm:.2g} mm / {robot.deg:.2g} deg, is both. "
-        "What they have in common from image to image no sigma knows: try calibrant intrinsics --target-shape "
-        "paraboloid, and a camera calibrated from more views (--camera)"
+        f"({found.scatter_px:.2g} px): the lens model, a bent board, or how points are found. Beside them the robot errs by "
+        f"{_size(found.robot_mm, 'mm')} / {_size(found.robot_deg, 'deg')}; its noise stated, {robot.mm:.2g} mm / "
+        f"{robot.deg:.2g} deg, is both. What all images share no sigma knows: try calibrant intrinsics --target-shape "
+        "paraboloid, and a camera from more views (--camera)"
     )
     return (Check("image-poses", "warn", message, ratio),)
 

@@ -241,8 +241,8 @@ def _mounting_text(a: Alternative) -> str:
     carried, fixed = a.mounting
     thing, other = ("camera", "target") if a.setup == "eye-in-hand" else ("target", "camera")
     return (
-        f"that puts the {thing} {carried:.2f} m from the gripper that carries it and the {other} {fixed:.2f} m from "
-        "the base, which nobody builds"
+        f"that puts the {thing} {carried:.2f} m from the gripper and the {other} {fixed:.2f} m from the base, which "
+        "nobody builds"
     )
 
 
@@ -262,8 +262,7 @@ def _message(
         ratio, p = loop_f_test(chosen, rival)
         chance = f"p = {p:.1g}" if p >= 1e-12 else "p < 1e-12"
         parts.append(
-            f"the next reading, {rival.description}, leaves {rival.loop_text}, {ratio:.3g} times as much "
-            f"(F test {chance})"
+            f"the next reading, {rival.description}, leaves {rival.loop_text}, {ratio:.3g} times as much ({chance})"
         )
     twin = next((a for a in wanted if _equivalent(chosen, a)), None)
     if twin is not None and setup == "auto":

@@ -168,10 +168,10 @@ def image_poses_check(found: ImagePoses | None, robot: SigmaRobot | None) -> tup
         return (Check("image-poses", "ok", message, ratio),)
     message = (
         f"the target poses from the images err like points of {found.px:.2g} px, {ratio:.2g} times the points' scatter "
-        f"({found.scatter_px:.2g} px): the lens model, a bent board, or how points are found. Beside them the robot errs "
-        f"by {_size(found.robot_mm, 'mm')} / {_size(found.robot_deg, 'deg')}; its noise stated, {robot.mm:.2g} mm / "
-        f"{robot.deg:.2g} deg, is both. What all images share no sigma knows: try calibrant intrinsics --target-shape "
-        "paraboloid, and a camera from more views (--camera)"
+        f"({found.scatter_px:.2g} px): the lens model, a bent board, or how points are found. Beside them the robot "
+        f"errs by {_size(found.robot_mm, 'mm')} / {_size(found.robot_deg, 'deg')}; its noise stated, "
+        f"{robot.mm:.2g} mm / {robot.deg:.2g} deg, is both. What all images share no sigma knows: try calibrant "
+        "intrinsics --target-shape paraboloid, and a camera from more views (--camera)"
     )
     return (Check("image-poses", "warn", message, ratio),)
 

@@ -151,7 +151,7 @@ def _confidence(chosen: Alternative, rivals: Sequence[Alternative]) -> float:
     for rival in rivals:
         if rival is chosen or _equivalent(chosen, rival) or same_result(chosen, rival):
             continue
-        _, p = loop_f_test(chosen, rival)
+        ratio, p = loop_f_test(chosen, rival)
         if p > EQUAL_P or ratio < EQUAL_RATIO:
             if chosen.score > CONSISTENT:
                 return 0.0  # nothing fits at all: that is a finding of its own, not a choice between two
@@ -259,7 +259,7 @@ def _message(
     parts = [f"poses read as {chosen.description}: the loop closes to {chosen.loop_text}"]
     rival = next((a for a in ranked if not np.array_equal(a.X, chosen.X)), None)
     if rival is not None:
-        ratio, p = loop_f_test(chosen, rival)
+        _, p = loop_f_test(chosen, rival)
         chance = f"p = {p:.1g}" if p >= 1e-12 else "p < 1e-12"
         parts.append(f"the next reading, {rival.description}, leaves {rival.loop_text} ({chance})")
     twin = next((a for a in wanted if _equivalent(chosen, a)), None)

@@ -44,7 +44,7 @@ def test_hand_eye_shows_both_transforms_methods_and_noise(hand_eye_result: Calla
     assert "no answer: the rotation axes" in text
     assert any(line.split()[:4] == ["x", "30.00", "0.11", "mm"] for line in text.splitlines())
     assert "matrix, metres:" in text
-    assert text.rstrip().splitlines()[-2].startswith("Verdict: GOOD.")
+    assert text.rstrip().splitlines()[-3].startswith("Verdict: GOOD.")
 
 
 def test_what_passed_and_what_methods_give_is_folded(hand_eye_result: Callable[[str], CalibrationResult]) -> None:

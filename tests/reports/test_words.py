@@ -25,7 +25,8 @@ def test_a_refusal_gives_its_reason_and_no_accuracy(intrinsics_result: Calibrati
 def test_a_good_result_says_how_good(hand_eye_result: Callable[[str], CalibrationResult]) -> None:
     sentence = verdict_sentence(hand_eye_result("eye-to-hand"))
     assert sentence == (
-        "base → camera is at (660.00, -250.00, 830.000) mm, known to 0.23 mm and 0.020 deg (1σ, worst axis). "
+        "base → camera is at (660.00, -250.00, 830.000) mm, known to 0.23 mm and 0.020 deg (1σ, worst axis), "
+        "beside what this arm's own geometry errs by (--robot-accuracy, --identify). "
         "11 of 13 views used, every check passed."
     )
 

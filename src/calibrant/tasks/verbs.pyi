@@ -98,6 +98,7 @@ def hand_eye(
     robot_base: str | None = None,
     joint_angle: str = "auto",
     identify: Words = (),
+    robot_accuracy: Words = (),
     method: str = "joint",
     name: str = "camera",
     workspace: str | None = None,

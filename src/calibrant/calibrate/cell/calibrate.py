@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibrant.calibrate.cell.boards.alike import numbered_alike
+from calibrant.calibrate.cell.certainty.accuracy import RobotAccuracy
+from calibrant.calibrate.cell.certainty.accuracy import robot_accuracy as as_accuracy
 from calibrant.calibrate.cell.certainty.whole import Certainty, certain
 from calibrant.calibrate.cell.problem.camera_role import CameraRole
 from calibrant.calibrate.cell.problem.joint_offsets import JointReadings, free_joints
@@ -54,6 +56,10 @@ if TYPE_CHECKING:
     from calibrant.calibrate.cell.photos import Photographed
 
 
+Accuracy = RobotAccuracy | float | str
+"""Of a robot: metres, 0.3mm, or 0.3mm,0.02deg."""
+
+
 @dataclass(frozen=True, eq=False)
 class CellFit:
     """A cell's fit: its noise estimate with the solution, what is left of the cell, and the start that led there.
@@ -80,6 +86,7 @@ def calibrate_cell(
     identify: Sequence[str] = ("offsets",),
     model: str = "brown",
     fix: Sequence[str] = (),
+    robot_accuracy: Mapping[str, Accuracy] | Accuracy | None = None,
 ) -> CalibrationResult:
     """Find where all cameras, targets and robots are, from one weighted problem.
 
@@ -88,8 +95,10 @@ def calibrate_cell(
     Args: robots, poses by robot, or of the only one; pictures, a list of views (or of measured target poses) for each
     camera, robot and setup; cameras, known intrinsics by name, with their covariance where it is known; the others are
     calibrated from their pictures (`model`, `fix`). joints, what the joints read at the poses' ids: then `identify`
-    (offsets, gear, coupling, geometry) is found too. Returns a result of kind "hand-eye" with a transform a camera, its
-    `joint_covariance` over all transforms, and T_a_b of every two cameras on the same body.
+    (offsets, gear, coupling, geometry) is found too. robot_accuracy: how far the flange is off, rms, of the
+    robot or by robot: metres, "0.3mm", or "0.3mm,0.02deg"; errors of its geometry are then in every sigma. Returns a
+    result of kind "hand-eye" with a transform a camera, its `joint_covariance` over all transforms, and T_a_b of every
+    two cameras on the same body.
     Raises: InputError for unusable input; RefusedError naming what the pictures do not determine, or contradict.
 
     Example::
@@ -99,8 +108,13 @@ def calibrate_cell(
         result = cb.calibrate_cell(robot_poses, [left, right])
         result.transform("left", "right").matrix
     """
-    fit = fit_cell(robots, pictures, cameras=cameras, joints=joints, identify=identify, model=model, fix=fix)
-    asked = {**({"fix": list(fix)} if fix else {}), **({"identify": list(identify)} if fit.cell.free else {})}
+    told = told_accuracies(robot_accuracy)
+    fit = fit_cell(
+        robots, pictures, cameras=cameras, joints=joints, identify=identify, model=model, fix=fix, accuracies=told
+    )
+    asked: dict[str, object] = {"fix": list(fix)} if fix else {}
+    asked |= {"identify": list(identify)} if fit.cell.free else {}
+    asked |= accuracies_asked(told)
     return judged_cell(fit, asked)
 
 
@@ -129,9 +143,14 @@ def fit_cell(
     model: str = "brown",
     fix: Sequence[str] = (),
     reference: str = "",
+    accuracies: Mapping[str, RobotAccuracy] | None = None,
 ) -> CellFit:
     """The fit behind `calibrate_cell`; arguments and errors as there. reference: the root camera of a rig."""
     where = layout(robots, _with_own_ids(pictures), reference)
+    for name in accuracies or {}:
+        if name not in where.robots:
+            there = ", ".join(where.robots)
+            raise InputError(f"the accuracy of robot {name!r}, which has no poses; there are {there or 'none'}")
     known = dict(cameras or {})
     for name in known:
         if name not in where.cameras_with_images:
@@ -145,8 +164,24 @@ def fit_cell(
     sizes = target_sizes(cell, start.data, noise.solution)
     told = {} if where.rig else sizes.targets  # images alone have no size of their own
     freed = {target: (size, with_size_free(cell, noise.solution, target)) for target, size in told.items()}
-    noise, certainty = certain(cell, noise, freed)
+    noise, certainty = certain(cell, noise, freed, accuracies or {})
     return CellFit(noise, cell, start, left_out, numbering, sizes, certainty)
+
+
+def told_accuracies(given: Mapping[str, Accuracy] | Accuracy | None) -> dict[str, RobotAccuracy]:
+    """By robot. Raises: InputError for what is no accuracy."""
+    if given is None:
+        return {}
+    named = given if isinstance(given, Mapping) else {ONLY_ROBOT: given}
+    return {robot: as_accuracy(value) for robot, value in named.items()}
+
+
+def accuracies_asked(told: Mapping[str, RobotAccuracy]) -> dict[str, object]:
+    """The option as results hold it."""
+    if not told:
+        return {}
+    texts = {robot: accuracy.text for robot, accuracy in told.items()}
+    return {"robot_accuracy": texts[ONLY_ROBOT] if list(texts) == [ONLY_ROBOT] else texts}
 
 
 def _with_own_ids(pictures: Sequence[Pictures]) -> list[Pictures]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibrant.calibrate.cell.calibrate import fit_cell, judged_cell
+from calibrant.calibrate.cell.calibrate import Accuracy, accuracies_asked, fit_cell, judged_cell, told_accuracies
 from calibrant.calibrate.cell.methods import answered_by, normal_pairs
 from calibrant.calibrate.cell.problem.layout import Pictures, TargetPoses
 from calibrant.calibrate.solvers.registry import JOINT, require_method
@@ -25,13 +25,15 @@ def calibrate_hand_eye(
     model: str = "brown",
     fix: Sequence[str] = (),
     method: str = JOINT,
+    robot_accuracy: Accuracy | None = None,
 ) -> CalibrationResult:
     """Calibrate where the camera is: on the gripper (eye-in-hand) or beside the robot (eye-to-hand).
 
     T_base_gripper: robot poses, RobotPoses or (n, 4, 4), metres. target: T_camera_target (n, 4, 4), or Observations of
     one camera whose views carry the poses' ids. camera: known intrinsics, with their covariance where it is known;
     without it the same images calibrate the camera (`model`, `fix`). method: "joint", the weighted refinement, or a
-    closed form, whose transforms come without covariance (`solvers.registry.METHODS`).
+    closed form, whose transforms come without covariance (`solvers.registry.METHODS`). robot_accuracy: how far the
+    flange is off, rms: metres, "0.3mm" or "0.3mm,0.02deg"; errors of the robot's geometry are then in every sigma.
     Returns a CalibrationResult of kind "hand-eye". Raises: InputError for unusable input; RefusedError when the poses
     cannot determine the result or contradict it, naming why.
 
@@ -51,6 +53,8 @@ def calibrate_hand_eye(
         known = {} if camera is None else {DEFAULT_CAMERA: camera}
     else:
         seen, known = TargetPoses(poses.ids, np.asarray(target)), {}
-    fit = fit_cell(poses, [Pictures(DEFAULT_CAMERA, chosen.name, seen)], cameras=known, model=model, fix=fix)
-    result = judged_cell(fit, {"fix": list(fix)} if fix else {})
+    told = told_accuracies(robot_accuracy)
+    pictures = [Pictures(DEFAULT_CAMERA, chosen.name, seen)]
+    fit = fit_cell(poses, pictures, cameras=known, model=model, fix=fix, accuracies=told)
+    result = judged_cell(fit, {**({"fix": list(fix)} if fix else {}), **accuracies_asked(told)})
     return result if method == JOINT else answered_by(result, method, *normal_pairs(fit.cell, fit.noise.solution, 0))

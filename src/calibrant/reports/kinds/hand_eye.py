@@ -12,6 +12,9 @@ from calibrant.reports.parts.figures import Fact, noise_facts
 from calibrant.reports.parts.numbers import plain
 from calibrant.reports.parts.robot import robot_tables
 
+UNTOLD = "beside what this arm's own geometry errs by (--robot-accuracy, --identify)"
+"""What no data of one arm hold: errors that are alike at all of its poses."""
+
 
 def _camera_transforms(result: CalibrationResult) -> list[TransformEstimate]:
     """Where the cameras are, of a result with several; else the first transform, which is what was asked for."""
@@ -36,7 +39,10 @@ def _in_workspace(result: CalibrationResult) -> list[Fact]:
 
 
 def _answer(result: CalibrationResult) -> str:
-    return known(_camera_transforms(result))
+    text = known(_camera_transforms(result))
+    if not text or result.options.keys() & {"robot_accuracy", "identify"}:
+        return text
+    return f"{text.removesuffix('.')}, {UNTOLD}."
 
 
 def _tables(result: CalibrationResult) -> list[TextTable]:

@@ -59,6 +59,9 @@ class Request:
     arm: RobotOptions = RobotOptions()
     identify: Annotated[tuple[str, ...], Option("GROUPS")] = ()
     """With --robot and joint values: find the robot's own errors too: offsets, gear, coupling, geometry."""
+    robot_accuracy: Annotated[tuple[str, ...], Option("LENGTH[,ANGLE]")] = ()
+    """How far the flange is off, rms, as measured or by its maker: 0.3mm, or 0.3mm,0.02deg; of several robots:
+    NAME=0.3mm. What errors of the robot's geometry do is then in every sigma."""
     method: Annotated[str, Option("NAME", choices=METHODS)] = "joint"
     """joint (weighs pixels and robot, states its uncertainty), or a closed form: tsai, park, horaud, …"""
     name: Annotated[str, Option("NAME")] = "camera"
@@ -89,7 +92,7 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     identify = split_names(request.identify)
     lists = read_lists(names, common, joined=not names.plain or bool(identify))
     with listener.status("Calibrating …"):
-        result = _calibrated(lists, names, common, identify, request.method)
+        result = _calibrated(lists, names, common, identify, request.method, _accuracies(request, names))
     checks = (*(c for p in lists for c in p.checks(result.checks, alone=names.plain)), *result.checks)
     done = replace(
         result,
@@ -147,6 +150,8 @@ def _check_options(request: Request, names: Names) -> None:
         raise InputError(
             f"--method {request.method}: a closed form knows one camera on one robot; the report lists all of them"
         )
+    if request.robot_accuracy and (closed_form or request.measured.free_scale):
+        raise InputError("--robot-accuracy serves the joint refinement at the size given: leave --method out, and free")
     if request.measured.free_scale and (not names.plain or request.identify):
         raise InputError("--target-scale free knows one camera on one robot; calibrate each by itself first")
     if not request.identify:
@@ -163,14 +168,19 @@ def _check_options(request: Request, names: Names) -> None:
 
 
 def _calibrated(
-    lists: Sequence[ReadList], names: Names, common: ListRequest, identify: tuple[str, ...], method: str
+    lists: Sequence[ReadList],
+    names: Names,
+    common: ListRequest,
+    identify: tuple[str, ...],
+    method: str,
+    accuracies: Mapping[str, str],
 ) -> CalibrationResult:
     """All lists in one problem."""
     from calibrant.calibrate.cell.calibrate import calibrate_cell
     from calibrant.calibrate.cell.problem.layout import ONLY_ROBOT
 
     if names.plain and not identify and lists[0].camera == ONLY_CAMERA and lists[0].diagnosis is not None:
-        return _calibrated_alone(lists[0], common, method)
+        return _calibrated_alone(lists[0], common, method, accuracies)
     robots = {name or ONLY_ROBOT: poses_of(lists, name or ONLY_ROBOT) for name in names.poses}
     joints = {name: joints_of(lists, name, robots[name], common) for name in robots} if identify else None
     return calibrate_cell(
@@ -181,10 +191,13 @@ def _calibrated(
         identify=identify or ("offsets",),
         model=common.lens.model,
         fix=split_names(common.lens.fix),
+        robot_accuracy=accuracies,
     )
 
 
-def _calibrated_alone(part: ReadList, common: ListRequest, method: str) -> CalibrationResult:
+def _calibrated_alone(
+    part: ReadList, common: ListRequest, method: str, accuracies: Mapping[str, str]
+) -> CalibrationResult:
     """One list of the only camera and robot, also of target poses, by any method."""
     from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye
 
@@ -205,7 +218,26 @@ def _calibrated_alone(part: ReadList, common: ListRequest, method: str) -> Calib
         model=common.lens.model,
         fix=split_names(common.lens.fix),
         method=method,
+        robot_accuracy=next(iter(accuracies.values()), None),
     )
+
+
+def _accuracies(request: Request, names: Names) -> dict[str, str]:
+    """The accuracies that are told, by robot. Raises: InputError for a robot that is not there."""
+    from calibrant.calibrate.cell.certainty.accuracy import robot_accuracy
+    from calibrant.calibrate.cell.problem.layout import ONLY_ROBOT
+
+    robots = [name or ONLY_ROBOT for name in names.poses]
+    out: dict[str, str] = {}
+    for text in request.robot_accuracy:
+        name, named, value = text.rpartition("=")
+        robot = name if named else ONLY_ROBOT
+        if robot not in robots:
+            raise InputError(
+                f"--robot-accuracy {text}: say of which robot, as NAME=0.3mm; there are {', '.join(robots)}"
+            )
+        out[robot] = robot_accuracy(value).text
+    return out
 
 
 def _asked(result: CalibrationResult, names: Names, request: Request) -> dict[str, object]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibrant.arrays import Array
+from calibrant.calibrate.cell.certainty.accuracy import RobotAccuracy, accuracy_shares
 from calibrant.calibrate.cell.certainty.lens import LensShift, along_with, lens_shift
 from calibrant.calibrate.cell.certainty.neighbours import SharedErrors, shared_errors
 from calibrant.calibrate.cell.certainty.pose_errors import pose_errors
@@ -30,11 +31,14 @@ class Certainty:
 
 
 def certain(
-    cell: Cell, noise: NoiseEstimate, sizes: Mapping[str, tuple[Measured, Solution]]
+    cell: Cell,
+    noise: NoiseEstimate,
+    sizes: Mapping[str, tuple[Measured, Solution]],
+    accuracies: Mapping[str, RobotAccuracy],
 ) -> tuple[NoiseEstimate, Certainty]:
     """The estimate with its whole covariance, and what was added to it.
 
-    sizes: of targets, by the robots' motion, each with the fit that has it free.
+    sizes: of targets, by the robots' motion, each with the fit that has it free; accuracies: of robots, where told.
     """
     solution = noise.solution
     there = {v.name for v in solution.problem.variables}
@@ -44,10 +48,14 @@ def certain(
         if poses_variable(robot) not in there:
             continue
         errors = pose_errors(solution, poses_variable(robot), robot_groups(robot))
-        found = None if errors is None else shared_errors(errors)
+        if errors is None:
+            continue
+        found = shared_errors(errors)
         if found is not None:
             robots[robot] = found
             beside = beside + found.covariance
+        if robot in accuracies:
+            beside = beside + accuracy_shares(errors, accuracies[robot])
     for target, (size, freed) in sizes.items():
         beside = beside + size_shares(solution, freed, scale_variable(target), size)
     lenses: dict[str, LensShift] = {}

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -64,3 +69,39 @@ def test_few_images_need_no_pool() -> None:
         assert executor is None
     with executor_for("4", 1) as executor:
         assert executor is None
+
+
+ENDLESS = """
+import sys, time
+from calibrant.executors import executor_for
+if __name__ == "__main__":
+    with executor_for(2, 9) as pool:
+        print(*(pool.submit(sys.modules["os"].getpid).result() for _ in range(1)), *pool._processes, flush=True)
+        for _ in range(2):
+            pool.submit(time.sleep, 600)
+        time.sleep(600)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="a system without signals")
+@pytest.mark.parametrize("signal_sent", ["SIGKILL", "SIGINT"])
+def test_workers_end_with_their_parent(tmp_path: Path, signal_sent: str) -> None:
+    script = tmp_path / "endless.py"
+    script.write_text(ENDLESS)
+    # A group of its own: Ctrl-C in a terminal reaches parent and workers alike.
+    parent = subprocess.Popen(
+        [sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    assert parent.stdout is not None
+    workers = [int(word) for word in parent.stdout.readline().split()]
+    assert len(set(workers)) == 2
+    if signal_sent == "SIGKILL":
+        os.kill(parent.pid, signal.SIGKILL)
+    else:
+        os.killpg(parent.pid, signal.SIGINT)
+    _, said = parent.communicate(timeout=20)
+    deadline = time.monotonic() + 10
+    while any(Path(f"/proc/{pid}").exists() for pid in workers) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert [pid for pid in workers if Path(f"/proc/{pid}").exists()] == []
+    assert said.count("Traceback") <= 1, said  # the parent's own, whose script catches nothing

@@ -11,6 +11,8 @@ that code that takes an error for an answer (one hypothesis of many does not fit
 
 from __future__ import annotations
 
+import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -18,7 +20,7 @@ from threading import Event
 
 from calibrant.errors import CancelledError
 
-__all__ = ["CancelledError", "Token", "cancellable", "checkpoint"]
+__all__ = ["CancelledError", "Token", "cancellable", "checkpoint", "undisturbed"]
 
 
 class Token:
@@ -55,3 +57,20 @@ def checkpoint() -> None:
     token = _token.get()
     if token is not None and token.cancelled:
         raise CancelledError("cancelled; no result was written")
+
+
+@contextmanager
+def undisturbed() -> Iterator[list[int]]:
+    """Ctrl-C waits for the few moments of what runs inside; its signals are in the list after it.
+
+    Elsewhere than in the main thread, where no signal arrives, nothing is to be done.
+    """
+    told: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield told
+        return
+    before = signal.signal(signal.SIGINT, lambda number, frame: told.append(number))
+    try:
+        yield told
+    finally:
+        signal.signal(signal.SIGINT, before if before is not None else signal.default_int_handler)

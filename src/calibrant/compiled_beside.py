@@ -20,6 +20,13 @@ LOOKS_S = 0.1
 """How often is asked whether the other process is done, and whether the work is cancelled."""
 
 
+_ENDS_WITH_US = (
+    "import os, sys, threading; "
+    "threading.Thread(target=lambda: (sys.stdin.buffer.read(), os._exit(1)), daemon=True).start()"
+)
+"""The other process reads from a pipe that closes when this one ends, however it ends."""
+
+
 class OtherProcess(event.Listener):
     """Hears of Numba's compilations: the first one starts a process that imports the modules, which compiles them.
 
@@ -40,9 +47,9 @@ class OtherProcess(event.Listener):
         self._first()
         if sys.executable and _cores() > 1:
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-c", f"import {', '.join(self._modules)}"],
+                [sys.executable, "-P", "-c", f"{_ENDS_WITH_US}; import {', '.join(self._modules)}"],
                 env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
-                stdin=subprocess.DEVNULL,
+                stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
                 creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
@@ -67,9 +74,13 @@ class OtherProcess(event.Listener):
 
     def stop(self) -> None:
         """Its work is no longer wanted; the cache keeps what is whole."""
-        if self._process is not None and self.runs:
+        if self._process is None:
+            return
+        if self.runs:
             self._process.terminate()
             self._process.wait()
+        if self._process.stdin is not None:
+            self._process.stdin.close()
 
 
 @contextmanager

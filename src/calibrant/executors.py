@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, wait
 from contextlib import contextmanager
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
-from calibrant.cancel import checkpoint
-from calibrant.errors import CancelledError, InputError, MissingExtraError
+from calibrant.cancel import checkpoint, undisturbed
+from calibrant.errors import InputError, MissingExtraError
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -48,17 +52,60 @@ def executor_for(workers: int | str | Executor | None, count: int) -> Iterator[E
     from multiprocessing import get_context
 
     # Fresh processes: a fork would copy the threads' locks of libraries that this process has already used.
-    pool = ProcessPoolExecutor(min(number, count), mp_context=get_context("spawn"))
-    patient = True
+    spawn = get_context("spawn")
+    leash, held = spawn.Pipe(duplex=False)
+    pool = ProcessPoolExecutor(min(number, count), mp_context=spawn, initializer=serve, initargs=(leash,))
     try:
+        # A process that is interrupted while it is started is half of one.
+        with undisturbed() as told, _deaf():
+            for _ in range(min(number, count)):
+                pool.submit(_nothing)  # each starts a process
+        if told:
+            raise KeyboardInterrupt
         yield pool
-    except CancelledError:
-        # Nobody waits for the images that are being searched: the processes end by themselves behind them.
-        patient = False
+    except BaseException:
+        # Nobody waits for what is being searched: let go, the processes end at once.
+        held.close()
         raise
     finally:
-        # After an error or Ctrl-C the images that wait are not begun.
-        pool.shutdown(wait=patient, cancel_futures=True)
+        pool.shutdown(wait=True, cancel_futures=True)
+        held.close()
+        leash.close()
+
+
+def serve(leash: Connection) -> None:
+    """What a worker does first: it leaves Ctrl-C to its parent, and ends when that lets go, or ends, in whatever way.
+
+    Args: leash: the end for reading of a pipe whose other end the parent alone holds.
+    """
+    import signal
+    import threading
+
+    def watch() -> None:
+        leash.poll(None)  # until the other end is closed
+        os._exit(1)
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=watch, daemon=True).start()
+
+
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Processes that start inside do not hear Ctrl-C, which a terminal sends to all, not even while they start."""
+    import signal
+
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _nothing() -> None:
+    """Work that takes no time."""
 
 
 def in_order(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import json
+import signal
 import subprocess
 import sys
 import time
@@ -10,8 +12,11 @@ from pathlib import Path
 
 import pytest
 
+from calibrant import cli
 from calibrant.cli import progress
+from calibrant.cli.application import run
 from calibrant.cli.progress import LinesListener, TerminalListener, listener
+from calibrant.cli.words import clean, console, say_json
 from calibrant.tasks.listener import SILENT
 
 
@@ -69,3 +74,49 @@ def test_a_pipe_hears_what_takes_long(how: tuple[str, ...], cell) -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=250)
     assert done.returncode == 0
     assert done.stderr.startswith("Finding boards") if how == () else done.stderr == ""
+
+
+EVIL = "photo\x1b]0;owned\x07\x9b31m\u202egnp.[/bold]:smile:"
+SHOWN = "photo\\x1b]0;owned\\x07\\x9b31m\\u202egnp.[/bold]:smile:"
+
+
+def test_codes_are_shown_and_not_sent(capsys: pytest.CaptureFixture[str]) -> None:
+    assert clean(EVIL) == SHOWN
+    assert clean("two\nlines\tand a tab, 25 °C, 校正") == "two\nlines\tand a tab, 25 °C, 校正"
+    shown = console(width=200)
+    shown.file = io.StringIO()
+    shown.print(EVIL)
+    assert shown.file.getvalue() == SHOWN.replace(r"\x07", "") + "\n"  # Rich drops the bell itself
+    say_json(json.dumps({"file": EVIL}, ensure_ascii=False))
+    text = capsys.readouterr().out
+    assert json.loads(text) == {"file": EVIL}
+    assert not set("\x1b\x07\x9b\u202e") & set(text)
+
+
+def test_a_name_of_codes_in_an_error_and_in_what_was_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / f"{EVIL.replace('/', '-')}.json").write_text("{")
+    assert run(["report", str(tmp_path / f"{EVIL.replace('/', '-')}.json")]) == 2
+    assert "\x1b" not in capsys.readouterr().err
+    assert run(["target", "chessboard:3x3:10mm", "--out", str(tmp_path / "b\x1b[31m.svg")]) == 0
+    out = capsys.readouterr().out
+    assert "b\\x1b[31m.svg" in out
+    assert "\x1b" not in out
+
+
+def test_an_interrupt_before_the_command_line_is_loaded(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def stopped() -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "_run", stopped)
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert ended.value.code == 130
+    assert capsys.readouterr().err == "calibrant: interrupted; no result was written\n"

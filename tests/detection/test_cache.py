@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import os
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -14,6 +17,7 @@ from calibrant.detection import detect, pipeline
 from calibrant.detection.cache import Cache, key_of
 from calibrant.detection.detection import Detection
 from calibrant.errors import InputError
+from calibrant.reading.notes import heard
 from calibrant.targets.registry import parse_target
 
 BOARD = parse_target("chessboard:5x4:20mm")
@@ -110,3 +114,49 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot keep detections"):
         Cache.at(tmp_path / "file" / "folder")
+
+
+def shifted(file: Path) -> None:
+    file.write_text(file.read_text().replace("[[", "[[1", 1))
+
+
+def of_another(file: Path) -> None:
+    others = [f for f in file.parent.parent.rglob("*.json") if f != file]
+    file.write_bytes(others[0].read_bytes())
+
+
+def a_folder(file: Path) -> None:
+    file.unlink()
+    file.mkdir()
+
+
+def a_pipe(file: Path) -> None:
+    file.unlink()
+    os.mkfifo(file)
+
+
+def deep(file: Path) -> None:
+    file.write_text("[" * 100_000)
+
+
+@pytest.mark.parametrize("damage", [shifted, of_another, a_folder, a_pipe, deep], ids=lambda f: f.__name__)
+def test_an_entry_that_was_damaged_or_planted_costs_time_alone(
+    images: Path, tmp_path: Path, damage: Callable[[Path], None]
+) -> None:
+    first = detect(images, target=BOARD, cache=tmp_path / "kept")
+    damage(sorted((tmp_path / "kept").rglob("*.json"))[0])
+    with heard():
+        assert same(detect(images, target=BOARD, cache=tmp_path / "kept"), first)
+
+
+def test_a_full_disk_ends_no_run(images: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(path: Path) -> object:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(cache_module, "draft", full)
+    with heard() as notes:
+        found = detect(images, target=BOARD, cache=tmp_path / "kept")
+    assert len(found.views) == 3
+    assert notes == [
+        f"detections are not kept in {tmp_path / 'kept'}: no space left on device; later runs search these photos again"
+    ]

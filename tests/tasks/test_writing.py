@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -88,3 +90,38 @@ def test_folders_that_may_not_be_written_to(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr(Path, "mkdir", refuse)
     with pytest.raises(InputError, match=r"cannot make the folder .*new: Permission denied"):
         write_documents([Document(tmp_path / "new" / "a.txt", b"a")], force=False)
+
+
+def test_an_interrupt_while_files_are_moved_waits_for_all_of_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a").write_text("old")
+    move = Path.replace
+
+    def interrupted(self: Path, target: str | Path) -> Path:
+        os.kill(os.getpid(), signal.SIGINT)
+        return move(self, target)
+
+    monkeypatch.setattr(Path, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt, match=r"interrupted; every file was written: .*a, .*b"):
+        write_documents([Document(tmp_path / "a", b"new"), Document(tmp_path / "b", b"new")], force=True)
+    assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {"a": "new", "b": "new"}
+
+
+def test_an_interrupt_before_leaves_nothing(tmp_path: Path) -> None:
+    def stopped() -> bytes:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_documents([Document(tmp_path / "d" / "a", b"new"), Document(tmp_path / "b", stopped)], force=True)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_draft_follows_no_link(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "secret").write_text("untouched")
+    names = iter(["first", "first", "second"])
+    monkeypatch.setattr("calibrant.reading.files.secrets.token_hex", lambda n: next(names))
+    (tmp_path / ".a.first.tmp").symlink_to(tmp_path / "secret")
+    write_documents([Document(tmp_path / "a", b"new")], force=True)
+    assert (tmp_path / "a").read_text() == "new"
+    assert (tmp_path / "secret").read_text() == "untouched"

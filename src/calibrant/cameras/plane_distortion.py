@@ -160,7 +160,9 @@ def radius_limit(terms: Array) -> float:
 
 def first_positive_root(coefficients: ArrayLike) -> float:
     """Smallest positive real root of a polynomial with rising coefficients, inf when there is none."""
-    c = np.trim_zeros(np.asarray(coefficients, dtype=np.float64), "b")
+    c = np.asarray(coefficients, dtype=np.float64)
+    # Next to nothing at the end puts roots beyond all radii, and the quotients that lead to them beyond all numbers.
+    c = np.trim_zeros(np.where(np.abs(c) > 1e-200 * np.abs(c).max(initial=0.0), c, 0.0), "b")
     if len(c) < 2:
         return np.inf
     roots = np.polynomial.polynomial.polyroots(c)

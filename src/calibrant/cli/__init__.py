@@ -2,9 +2,28 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from calibrant.cancel import Token
+
 
 def main() -> None:
-    """Entry point of the `calibrant` command."""
+    """Entry point of the `calibrant` command. Ctrl-C ends it with a sentence from its first moment to its last."""
+    import signal
+    import sys
+
+    try:
+        status = _run()
+    except KeyboardInterrupt:  # while the command line itself is loaded, or while its last words are said
+        sys.stderr.write("calibrant: interrupted; no result was written\n")
+        status = 130
+    # All is said and written: what is left is to close, which nobody has to interrupt.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    raise SystemExit(status)
+
+
+def _run() -> int:
     import gc
     import os
 
@@ -13,6 +32,30 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Loading makes objects that stay: looking through all of them again and again is a tenth of a short command.
     gc.set_threshold(50_000, 20, 20)
-    from calibrant.cli.application import run
+    from calibrant.cancel import Token, cancellable
 
-    raise SystemExit(run())
+    token = Token()
+    _heed_interrupts(token)
+    with cancellable(token):
+        from calibrant.cli.application import run
+
+        return run()
+
+
+def _heed_interrupts(token: Token) -> None:
+    """Ctrl-C ends what runs, even where a library's callback swallows it: then by the token, at the next step."""
+    import signal
+    import sys
+
+    def stop(number: int, frame: object) -> None:
+        token.cancel()
+        raise KeyboardInterrupt
+
+    def unraised(said: sys.UnraisableHookArgs) -> None:
+        if said.exc_type is not KeyboardInterrupt:
+            sys.__unraisablehook__(said)
+
+    # One that is ignored, as under nohup, stays ignored.
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, stop)
+        sys.unraisablehook = unraised

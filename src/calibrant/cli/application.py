@@ -13,6 +13,7 @@ from contextlib import suppress
 
 from calibrant.cli.command import Command, UsageError, nearest, parse
 from calibrant.cli.help import command_help, group_help
+from calibrant.cli.words import say_json, tell
 from calibrant.errors import CalibrantError, CancelledError, RefusedError
 from calibrant.tasks.registry import GROUPS, TASKS
 
@@ -41,7 +42,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except CalibrantError as error:
         return _failed(error, given, error.exit_status)
     except KeyboardInterrupt as error:
-        return _failed(error, given, 130, text=INTERRUPTED)
+        # One that came while files were moved to their places says that they are there.
+        return _failed(error, given, 130, text=str(error) if str(error).startswith("interrupted") else INTERRUPTED)
     except Exception as error:  # noqa: BLE001 - the last line of defence: a defect of ours, said so
         return _failed(error, given, 1, text=_internal(error))
 
@@ -123,7 +125,7 @@ def _failed(error: BaseException, given: Sequence[str], status: int, *, text: st
 
         # A standard output that cannot be written to is what may have failed.
         with suppress(OSError, ValueError):
-            sys.stdout.write(failure_json(error, status, text if text is not None else str(error)))
+            say_json(failure_json(error, status, text if text is not None else str(error)))
             sys.stdout.flush()
     _say(error, given, text=text)
     return status
@@ -131,7 +133,7 @@ def _failed(error: BaseException, given: Sequence[str], status: int, *, text: st
 
 def _say(error: BaseException, given: Sequence[str], *, text: str | None = None) -> None:
     if "--debug" in given:
-        traceback.print_exception(error, file=sys.stderr)
-    sys.stderr.write(f"calibrant: {text if text is not None else error}\n")
+        tell("".join(traceback.format_exception(error)).rstrip())
+    tell(f"calibrant: {text if text is not None else error}")
     for note in getattr(error, "__notes__", ()):
-        sys.stderr.write(f"calibrant: note: {note}\n")
+        tell(f"calibrant: note: {note}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from calibrant.cli.command import Call
 from calibrant.cli.outputs import beside_of
+from calibrant.cli.words import console, say, say_json, tell
 from calibrant.errors import RefusedError
 from calibrant.tasks.outcome import Document, Outcome
 from calibrant.tasks.writing import write_documents
@@ -38,20 +38,21 @@ def finish(outcome: Outcome, call: Call) -> RefusedError | None:
     seen = _seen(outcome.result) if shown and outcome.result is not None else None
     written = write_documents(_documents(outcome, call, seen), force=outputs.force)
     if outputs.json:
-        sys.stdout.write(outcome.text())
+        say_json(outcome.text())
     elif not outputs.silent:
         _show(outcome, seen, verbose=outputs.verbose)
         if written:
-            sys.stdout.write(f"\nWritten: {', '.join(_listed(written))}\n")
+            say(f"\nWritten: {', '.join(_listed(written))}\n")
         if outcome.then is not None:
             from calibrant.cli.next_command import next_command
 
             # One line, however long: a terminal that folds it still copies it whole.
-            sys.stdout.write(f"To {outcome.then.words}:\n  {next_command(outcome.then, call)}\n")
+            say(f"To {outcome.then.words}:\n  {next_command(outcome.then, call)}\n")
     told = [f"warning: {text}" for text in outcome.warnings]
     if outputs.quiet and outcome.result is not None:
         told += _warnings(outcome.result)
-    sys.stderr.writelines(f"calibrant: {line}\n" for line in told)
+    for line in told:
+        tell(f"calibrant: {line}")
     return outcome.refusal or _not_strict(outcome, call)
 
 
@@ -136,19 +137,19 @@ def _show(outcome: Outcome, seen: Look | None, *, verbose: bool) -> None:
     from rich.text import Text
 
     shown = seen if outcome.summary is None else outcome.summary()
-    console = _console()
+    shown_on = _console()
     for part in shown if isinstance(shown, tuple) else (shown,):
         if _is_result(part):
             from calibrant.reports.terminal import summary
 
-            console.print(summary(part, verbose=verbose))
+            shown_on.print(summary(part, verbose=verbose))
         elif part is not None:
             # Lines of text are as long as their words; what Rich lays out itself is laid into the terminal's width.
-            console.print(part, soft_wrap=isinstance(part, Text))
+            shown_on.print(part, soft_wrap=isinstance(part, Text))
     if outcome.summary is not None and outcome.result is not None and outcome.result.notes:
         from calibrant.reports.terminal import notes
 
-        console.print(*notes(outcome.result))
+        shown_on.print(*notes(outcome.result))
 
 
 def _is_result(part: object) -> bool:
@@ -163,10 +164,8 @@ def _is_result(part: object) -> bool:
 
 def _console() -> Console:
     """Standard output. A table that a narrow terminal cannot hold is folded by the terminal: no figure is cut."""
-    from rich.console import Console
-
-    console = Console()
-    return console if console.width >= NARROWEST else Console(width=NARROWEST)
+    shown = console()
+    return shown if shown.width >= NARROWEST else console(width=NARROWEST)
 
 
 def _listed(written: list[Path]) -> list[str]:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TextIO
 
+from calibrant.cli.words import clean, console, tell
 from calibrant.tasks.listener import SILENT, Listener, Step
 
 FIRST = 0.5
@@ -22,24 +23,26 @@ class TerminalListener(Listener):
 
     @contextmanager
     def status(self, text: str) -> Iterator[None]:
-        from rich.console import Console
-
-        with Console(stderr=True).status(text):
+        with console(stderr=True).status(text):
             yield
 
     @contextmanager
     def progress(self, title: str) -> Iterator[Step]:
-        from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
         from rich.progress import Progress as Bar
 
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+        columns = (
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+        )
+        with Bar(*columns, console=console(stderr=True), transient=True) as bar:
             task = bar.add_task(title, total=None)
             yield lambda done, total, name: bar.update(task, completed=done, total=total, description=f"{title} {name}")
 
     def note(self, text: str) -> None:
-        sys.stderr.write(f"{text}\n")
+        tell(text)
 
 
 class LinesListener(Listener):
@@ -69,7 +72,7 @@ class LinesListener(Listener):
             yield step
 
     def note(self, text: str) -> None:
-        self._stream.write(f"{text}\n")
+        self._stream.write(f"{clean(text)}\n")
         self._stream.flush()
 
     @contextmanager

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import secrets
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from calibrant.data.result_decoding import KEYS, decode, refuse_constant
 from calibrant.data.result_encoding import FORMAT, encode, format_json
 from calibrant.data.results import CalibrationResult
 from calibrant.errors import InputError
-from calibrant.reading.files import RESULT, read_text, reason_of
+from calibrant.reading.files import RESULT, draft, read_text, reason_of
 from calibrant.reading.json_text import parse_json
 from calibrant.reading.notes import note_unused
 
@@ -101,11 +100,11 @@ def write_text(text: str, path: str | Path, *, force: bool = False) -> Path:
     if path.exists() and not force:
         raise InputError(f"{path} exists already; give another name, or --force (force=True) to replace it")
     target = Path(os.path.realpath(path))  # a link stays a link: the file behind it is replaced
-    temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}.tmp")
     try:
+        temporary, stream = draft(target)
         try:
-            with open(temporary, "x", encoding="utf-8", newline="\n") as stream:
-                stream.write(text)
+            with stream:
+                stream.write(text.encode("utf-8"))
                 stream.flush()
                 os.fsync(stream.fileno())
             os.replace(temporary, target)

@@ -22,12 +22,16 @@ import numpy as np
 from calibrant.detection.detection import Detection
 from calibrant.detection.images.files import frame_of
 from calibrant.detection.subpixel.refinement import DEFAULT, Refinement
-from calibrant.errors import InputError
+from calibrant.errors import CalibrantError, InputError
 from calibrant.opencv import cv2
+from calibrant.reading.files import Most, draft, open_file, read_text, reason_of
+from calibrant.reading.json_text import parse_json
+from calibrant.reading.notes import note
 from calibrant.targets.target import Target
 from calibrant.version import __version__
 
 Size = tuple[int, int]
+_ENTRY = Most(64_000_000, "the detection of one photo")
 
 
 @dataclass(frozen=True)
@@ -51,24 +55,34 @@ class Cache:
         return cls(path)
 
     def get(self, key: str) -> tuple[Size, Detection] | None:
-        """The image's size and its detection; None when it is not kept, or not readable."""
+        """The image's size and its detection; None when it is not kept, or not as it was written.
+
+        What was cut short, changed, or put there by another hand costs the time to search again, and no more.
+        """
         try:
-            content = json.loads(self._file(key).read_text(encoding="utf-8"))
-            return _decoded_detection(content)
-        except (FileNotFoundError, json.JSONDecodeError, KeyError, ValueError):
-            # A file that someone has cut short is looked for again and written anew.
+            content = parse_json(read_text(self._file(key), most=_ENTRY, what="kept detection"))
+            if content["sha256"] != _checksum(key, content["kept"]):
+                return None
+            return _decoded_detection(json.loads(content["kept"]))
+        except (CalibrantError, ValueError, LookupError, TypeError, OverflowError, AttributeError):
             return None
 
     def put(self, key: str, size: Size, detection: Detection) -> None:
-        """Keep a detection. Raises: InputError when the folder cannot be written."""
+        """Keep a detection, where there is room: what cannot be kept is searched again another time."""
         file = self._file(key)
-        draft = file.with_name(f".{file.name}.{os.getpid()}")
+        kept = json.dumps(_encoded(size, detection))
+        text = json.dumps({"sha256": _checksum(key, kept), "kept": kept})
         try:
             file.parent.mkdir(exist_ok=True)
-            draft.write_text(json.dumps(_encoded(size, detection)), encoding="utf-8")
-            draft.replace(file)
+            beside, stream = draft(file)
+            try:
+                with stream:
+                    stream.write(text.encode())
+                beside.replace(file)
+            finally:
+                beside.unlink(missing_ok=True)
         except OSError as error:
-            raise InputError(f"cannot keep detections in {self.folder}: {error.strerror or error}") from None
+            note(f"detections are not kept in {self.folder}: {reason_of(error)}; later runs search these photos again")
 
     def _file(self, key: str) -> Path:
         return self.folder / key[:2] / f"{key[2:]}.json"
@@ -92,7 +106,7 @@ def key_of(file: Path, target: Target, mirror_x: bool, refinement: Refinement = 
     try:
         status = source.stat()
         digest = _content(str(source), status.st_mtime_ns, status.st_size)
-    except OSError:
+    except (OSError, InputError):
         return None
     parts = (digest, str(number), repr(target), str(mirror_x), repr(refinement), code_fingerprint())
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()
@@ -101,7 +115,7 @@ def key_of(file: Path, target: Target, mirror_x: bool, refinement: Refinement = 
 @lru_cache(maxsize=64)
 def _content(file: str, changed_ns: int, size: int) -> str:
     """SHA-256 of a file; asked again for every frame of a video."""
-    with open(file, "rb") as stream:
+    with open_file(file, what="image") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
@@ -114,6 +128,11 @@ def code_fingerprint() -> str:
         digest.update(file.relative_to(here.parent).as_posix().encode())
         digest.update(file.read_bytes())
     return digest.hexdigest()
+
+
+def _checksum(key: str, kept: str) -> str:
+    """SHA-256 of an entry under its key: neither a changed one nor one of another photo passes for it."""
+    return hashlib.sha256(f"{key}\0{kept}".encode()).hexdigest()
 
 
 def _encoded(size: Size, detection: Detection) -> dict[str, Any]:
@@ -131,12 +150,19 @@ def _encoded(size: Size, detection: Detection) -> dict[str, Any]:
 
 
 def _decoded_detection(content: Mapping[str, Any]) -> tuple[Size, Detection]:
+    """Raises: ValueError, KeyError, TypeError for what no detection is."""
     sigma = content["sigma_px"]
     width, height = content["size"]
+    point_ids = np.array(content["point_ids"], np.int64)
+    uv = np.array(content["uv"], np.float64).reshape(-1, 2)
+    sigma_px = None if sigma is None else np.array(sigma, np.float64)
+    whole = len(point_ids) == len(uv) and (sigma_px is None or sigma_px.shape == (len(uv),))
+    if not whole or not np.all(np.isfinite(uv)) or len(set(point_ids.tolist())) < len(uv):
+        raise ValueError
     return (int(width), int(height)), Detection(
-        np.array(content["point_ids"], np.int64),
-        np.array(content["uv"], np.float64).reshape(-1, 2),
-        None if sigma is None else np.array(sigma, np.float64),
+        point_ids,
+        uv,
+        sigma_px,
         content["reason"],
         tuple(content["notes"]),
         content["looks_like"],

@@ -7,9 +7,10 @@ are refused before a byte is read. How large a file may be its reader says, with
 from __future__ import annotations
 
 import os
+import secrets
 import stat
 from dataclasses import dataclass
-from io import BufferedReader
+from io import BufferedReader, BufferedWriter
 from pathlib import Path
 
 from calibrant.errors import InputError
@@ -42,6 +43,8 @@ _CURES = {
     "numpy.save, numpy.savetxt or json.dump",
     "a MATLAB file": "write the numbers as text: writematrix(reshape(T, 16, [])', 'poses.csv')",
 }
+_NAME_KEPT = 100
+"""Letters of a name in its draft's: systems hold 255 bytes."""
 _PICKLES = (".pkl", ".pickle", ".p")
 
 
@@ -149,6 +152,19 @@ def foreign(data: bytes, path: str | Path) -> str | None:
     if name is None:
         return None
     return f"{name}: {_CURES[name]}" if name in _CURES else name
+
+
+def draft(path: Path) -> tuple[Path, BufferedWriter]:
+    """A new file beside a path, open for writing, with a name that nobody can foresee; to be moved there when whole.
+
+    It is made, never opened: what stands there already, a link among it, is left alone. Raises: OSError.
+    """
+    while True:
+        beside = path.with_name(f".{path.name[:_NAME_KEPT]}.{secrets.token_hex(8)}.tmp")
+        try:
+            return beside, open(beside, "xb")
+        except FileExistsError:
+            continue
 
 
 def reason_of(error: Exception) -> str:

@@ -7,8 +7,9 @@ import shutil
 from collections.abc import Iterable
 from pathlib import Path
 
-from calibrant.cancel import checkpoint
+from calibrant.cancel import checkpoint, undisturbed
 from calibrant.errors import InputError
+from calibrant.reading.files import draft, open_file, reason_of
 from calibrant.tasks.outcome import Document
 
 
@@ -55,13 +56,18 @@ def write_documents(documents: Iterable[Document], *, force: bool) -> list[Path]
         for document in documents:
             checkpoint()
             _write_draft(document, drafts, made, force=force)
-        return _moved(drafts)
+        with undisturbed() as disturbed:
+            written = _moved(drafts)
     except BaseException:
-        for draft in drafts.values():
-            draft.unlink(missing_ok=True)
-        for folder in reversed(made):
-            folder.rmdir()
+        with undisturbed():
+            for left in drafts.values():
+                left.unlink(missing_ok=True)
+            for folder in reversed(made):
+                folder.rmdir()
         raise
+    if disturbed:
+        raise KeyboardInterrupt(f"interrupted; every file was written: {', '.join(map(str, written))}")
+    return written
 
 
 def _write_draft(document: Document, drafts: dict[Path, Path], made: list[Path], *, force: bool) -> None:
@@ -77,9 +83,9 @@ def _write_draft(document: Document, drafts: dict[Path, Path], made: list[Path],
         raise InputError(f"two outputs would be written to {path}; give each a name of its own")
     content = document.bytes()
     target = Path(os.path.realpath(path))  # a link stays a link: the file behind it is replaced
-    drafts[path] = target.with_name(f".{target.name}.{os.getpid()}.tmp")
     try:
-        with open(drafts[path], "wb") as stream:
+        drafts[path], stream = draft(target)
+        with stream:
             stream.write(content)
             stream.flush()
             os.fsync(stream.fileno())
@@ -95,13 +101,13 @@ def _moved(drafts: dict[Path, Path]) -> list[Path]:
             if len(drafts) > 1:
                 before[path] = _second_name(path)
             draft.replace(os.path.realpath(path))
-    except OSError as error:
+    except (OSError, InputError) as error:
         for place, old in before.items():
             if old is None:
                 place.unlink(missing_ok=True)
             else:
-                old.replace(place)
-        raise InputError(f"cannot write {path}: {error.strerror or error}; nothing was written") from None
+                old.replace(os.path.realpath(place))
+        raise InputError(f"cannot write {path}: {reason_of(error)}; nothing was written") from None
     for old in before.values():
         if old is not None:
             old.unlink(missing_ok=True)
@@ -109,13 +115,16 @@ def _moved(drafts: dict[Path, Path]) -> list[Path]:
 
 
 def _second_name(path: Path) -> Path | None:
-    """The old file under a second name too; None where there is none."""
-    if not path.exists():
+    """The old file under a second name too, which nobody can foresee; None where there is none."""
+    old = Path(os.path.realpath(path))
+    if not old.exists():
         return None
-    old = path.with_name(f".{path.name}.{os.getpid()}.old")
-    old.unlink(missing_ok=True)
+    second, stream = draft(old)
     try:
-        os.link(path, old)
-    except OSError:  # a file system without links
-        shutil.copy2(path, old)
-    return old
+        with stream, open_file(old) as before:
+            shutil.copyfileobj(before, stream)
+        shutil.copystat(old, second)
+    except (OSError, InputError):
+        second.unlink(missing_ok=True)
+        raise
+    return second

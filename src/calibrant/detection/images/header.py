@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import struct
+import zlib
 from collections.abc import Iterator
 from typing import Any
 
@@ -29,7 +30,7 @@ WORDS = {
 _ORIENTATION, _WIDTH, _HEIGHT = 0x0112, 0x0100, 0x0101
 _SHORT, _LONG = 3, 4
 _EXIF = b"Exif\0\0"
-_PNG, _JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
+_PNG, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
 _TIFF = (b"II*\0", b"MM\0*")
 _PNM_HEADER = 4096
 """Bytes in which a text header's numbers stand."""
@@ -84,7 +85,7 @@ def size(data: bytes) -> tuple[int, int] | None:
             return _pair("<HH", data, 6)
         if data[:4] == b"\x59\xa6\x6a\x95":
             return _pair(">II", data, 4)
-        if data[:3] == _JPEG:
+        if data[:3] == JPEG:
             return _jpeg_size(data)
         if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
             return _webp_size(data)
@@ -136,15 +137,28 @@ def _webp_size(data: bytes) -> tuple[int, int] | None:
 
 def is_cut_off(data: bytes) -> bool:
     """Whether a JPEG or PNG file ends before its picture does; decoders fill the rest with grey."""
-    if data[:3] == _JPEG:
+    if data[:3] == JPEG:
         # The picture's end mark after its beginning; a preview in the header has marks of its own.
         return data.find(b"\xff\xd9", max(0, data.rfind(b"\xff\xda"))) < 0
     return data[:8] == _PNG and b"IEND" not in data[-64:] and b"IEND" not in data
 
 
+def png_damage(data: bytes) -> str | None:
+    """What is wrong with a PNG file's parts by their checksums; None if nothing, or for another kind of file."""
+    at = 8 if data[:8] == _PNG else len(data)
+    while at + 12 <= len(data):
+        length, name = int.from_bytes(data[at : at + 4], "big"), data[at + 4 : at + 8]
+        end = at + 8 + length
+        # Parts that begin in small letters say something beside the picture.
+        if name[:1].isupper() and zlib.crc32(data[at + 4 : end]) != int.from_bytes(data[end : end + 4], "big"):
+            return f"its part {name.decode('latin-1')!r} at byte {at} does not agree with its checksum"
+        at = end + 4
+    return None
+
+
 def _exif_blocks(data: bytes) -> Iterator[bytes]:
     """The parts of a file that may be EXIF's TIFF."""
-    if data[:3] == _JPEG:
+    if data[:3] == JPEG:
         at = 2
         while at + 4 <= len(data) and data[at] == 0xFF and data[at + 1] != 0xDA:  # 0xDA: the picture begins
             length = int.from_bytes(data[at + 2 : at + 4], "big")

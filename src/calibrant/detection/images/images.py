@@ -26,13 +26,14 @@ def load_grey(path: str | Path) -> NDArray[np.uint8]:
 
     Images of more than 8 bits are divided by the power of two that fits their brightest pixel into 8 bits, so that 10,
     12 and 14 bits in 16 keep their contrast.
-    Raises: InputError when the file is missing, empty, cut off, animated, or no image.
+    Raises: InputError when the file is missing, empty, cut off, damaged, animated, or no image.
     """
     path = Path(path)
     frame = frame_of(path)
     if frame is not None:
         return to_grey8(read_frame(*frame))
     data = _bytes_of(path)
+    _refuse_damaged(path, data)
     image = _decoded_image(path, data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
     if image is None:
         # Colour in floating point, for one, has no grey form in the decoder.
@@ -50,6 +51,7 @@ def load_image(path: str | Path) -> NDArray[Any]:
     if frame is not None:
         return read_frame(*frame)
     data = _bytes_of(path)
+    _refuse_damaged(path, data)
     return _upright(path, data, _decoded_image(path, data, cv2.IMREAD_UNCHANGED))
 
 
@@ -96,6 +98,19 @@ def refuse_vast(size: tuple[int, int] | None, count: int, what: str) -> None:
             f"{what} states {size[0]}x{size[1]} px and has {count:,} bytes, {pixels / count:,.0f} pixels a byte; "
             f"expected {_UNFOLDED} pixels a byte at most. It is blank, or made to fill the memory"
         )
+
+
+def _refuse_damaged(path: Path, data: bytes) -> None:
+    """Raises: InputError for a JPEG or PNG file whose bytes were changed: decoders still make a picture of it."""
+    if data[:3] == image_header.JPEG:
+        # The kernel is loaded for such files alone.
+        from calibrant.detection.images.jpeg import jpeg_damage
+
+        problem = jpeg_damage(data)
+    else:
+        problem = image_header.png_damage(data)
+    if problem is not None:
+        raise InputError(f"image {path} is damaged ({problem}); copy it again from the camera, or leave it out")
 
 
 def _decoded_image(path: Path, data: bytes, flags: int) -> NDArray[Any] | None:

@@ -19,7 +19,7 @@ def test_a_result_says_its_answer_in_ten_lines(file: Path) -> None:
     assert len(text.splitlines()) <= 13
     assert max(map(len, text.splitlines())) <= 160
     verdict = {"ok": "GOOD", "warn": "USE WITH CARE", "refused": "DO NOT USE"}[result.verdict]
-    assert verdict in text
+    assert verdict in text or result.kind == "doctor"
     for check in [c for c in result.checks if c.status != "ok"][:4]:
         assert check.name in text
     assert len(repr(result)) < 160
@@ -30,7 +30,7 @@ def test_a_result_says_its_answer_in_ten_lines(file: Path) -> None:
     assert f"Verdict: {verdict}." in summary or result.kind == "doctor"
     page = result._repr_html_()
     assert page.startswith("<div>")
-    assert verdict in page
+    assert verdict in page or result.kind == "doctor"
     assert "<script" not in page
 
 

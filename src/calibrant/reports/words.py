@@ -21,7 +21,10 @@ def title(result: CalibrationResult) -> str:
 
 def verdict_word(result: CalibrationResult) -> str:
     """The verdict in one word, or three."""
-    return kind_of(result).verdicts.get(result.verdict, VERDICT_WORDS[result.verdict])
+    kind = kind_of(result)
+    if kind.judged is not None:
+        return kind.judged(result)[0]
+    return kind.verdicts.get(result.verdict, VERDICT_WORDS[result.verdict])
 
 
 def sorted_checks(result: CalibrationResult) -> list[Check]:
@@ -31,6 +34,9 @@ def sorted_checks(result: CalibrationResult) -> list[Check]:
 
 def verdict_sentence(result: CalibrationResult) -> str:
     """The verdict in one sentence: what to do with the result and the reason that matters most."""
+    kind = kind_of(result)
+    if kind.judged is not None:
+        return kind.judged(result)[1]
     failed = [c for c in result.checks if c.status == "fail"]
     warned = [c for c in result.checks if c.status == "warn"]
     if result.verdict == "refused":

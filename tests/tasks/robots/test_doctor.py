@@ -78,6 +78,7 @@ def test_faults_are_named_and_the_status_is_1(
     assert found[1]["loop_before"]["mm"] > 10 > found[1]["loop_after"]["mm"]
     page = report.read_text()
     assert "poses-shifted" in page
+    assert "REPAIR FIRST" in page
     assert page.count("<svg") == 2
     assert re.search(r"https?:", page) is None
     assert "default-src 'none'" in page

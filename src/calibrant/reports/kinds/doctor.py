@@ -141,4 +141,4 @@ def _page(look: Look) -> list[Block]:
     return [table.block, *(chart for chart in charts if chart is not None)]
 
 
-KIND = Kind("What the doctor says", _headline, _answer, page=_page, terminal=_terminal)
+KIND = Kind("What the doctor says", _headline, _answer, page=_page, terminal=_terminal, judged=verdict)

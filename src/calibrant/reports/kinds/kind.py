@@ -34,7 +34,8 @@ class Kind:
     is known, empty where nothing says so. facts: errors and noise. rows: what the rows of the result are, in the
     plural. tables: what only this kind has. said: how names of checks begin whose message is an answer, shown though
     they passed. page and terminal: in place of the parts that other kinds have, for a kind that is no calibration.
-    verdicts: own words for "ok", "warn" and "refused", where GOOD and DO NOT USE do not fit.
+    verdicts: own words for "ok", "warn" and "refused", where GOOD and DO NOT USE do not fit. judged: the verdict's word
+    and its sentence, where they follow from more than that.
     """
 
     title: str
@@ -47,3 +48,4 @@ class Kind:
     page: Callable[[Look], list[Block]] | None = None
     terminal: Callable[[CalibrationResult], list[RenderableType]] | None = None
     verdicts: Mapping[str, str] = field(default_factory=dict)
+    judged: Callable[[CalibrationResult], tuple[str, str]] | None = None

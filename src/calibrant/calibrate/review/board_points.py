@@ -39,7 +39,7 @@ _FEWEST_VIEWS = 5
 class BoardPoints:
     """chance of a pattern as strong on a perfect board; rms_mm of the displacements beyond noise, the worst point's id
     and size, sigma_mm of one; left_out: ids of points that the fit left out in most of their views; shift: squared
-    shift of the lens over its sigma, per parameter, once the points are free."""
+    shift of the lens over its sigma, per parameter, once the points are free, and the shift itself, (k,)."""
 
     chance: float
     limit: float
@@ -49,6 +49,7 @@ class BoardPoints:
     worst_mm: float
     sigma_mm: float
     shift: float
+    moved: Array | None = None
 
 
 def board_points(rows: Rows, scores: ViewScores, real: tuple[str, ...]) -> BoardPoints | None:
@@ -70,7 +71,7 @@ def board_points(rows: Rows, scores: ViewScores, real: tuple[str, ...]) -> Board
         return BoardPoints(chance, CHANCE, left_out, 1e3 * float(np.sqrt(tau2)), 0, 0.0, 0.0, 0.0)
     lengths = np.linalg.norm(displacement, axis=1)
     worst = int(np.argmax(lengths))
-    shift = _shift_of_lens(rows, scores, real, index, J, tau2)
+    moved = _shift_of_lens(rows, scores, real, index, J, tau2)
     return BoardPoints(
         chance,
         CHANCE,
@@ -79,7 +80,8 @@ def board_points(rows: Rows, scores: ViewScores, real: tuple[str, ...]) -> Board
         int(labels[worst]),
         1e3 * float(lengths[worst]),
         1e3 * float(np.sqrt(variance[worst])),
-        shift,
+        lens_shift(scores, moved),
+        moved,
     )
 
 
@@ -154,8 +156,8 @@ def _beside(scores: ViewScores, rows: Rows, real: tuple[str, ...]) -> Array:
 
 def _shift_of_lens(
     rows: Rows, scores: ViewScores, real: tuple[str, ...], index: Indices, J: Array, tau2: float
-) -> float:
-    """What free points do to the lens: the problem of lens, faults and points, the poses projected out of each view."""
+) -> Array:
+    """What free points do to the lens, (k,): lens, faults, points are one problem, every pose projected out."""
     columns = kept_columns(scores, *real)[0] if real else scores.lens
     k, p = len(columns), int(index.max()) + 1
     A, y = np.zeros((k + 2 * p, k + 2 * p)), np.zeros(k + 2 * p)
@@ -177,4 +179,4 @@ def _shift_of_lens(
     A[np.arange(k, k + 2 * p), np.arange(k, k + 2 * p)] += scores.sigma_px**2 / tau2
     scale = 1 / np.sqrt(np.diag(A))
     found = scale * np.linalg.solve(A * scale[:, None] * scale, scale * y)
-    return lens_shift(scores, np.asarray(before - found[:k], dtype=np.float64)[: len(scores.lens)])
+    return np.asarray(before - found[:k], dtype=np.float64)[: len(scores.lens)]

@@ -49,10 +49,12 @@ _PRINTED = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """checks of the board; found: the faults that all views share, None where they were not asked."""
+    """checks of the board; found: the faults that all views share, None where they were not asked; moved: by how much
+    each that is real moves the lens's parameters, (k,)."""
 
     checks: tuple[Check, ...]
     found: Found | None = None
+    moved: tuple[Array, ...] = ()
 
 
 def ask_board(rows: Rows, scores: ViewScores, *, target: str | None, shaped: bool, door: str) -> Asked:
@@ -69,12 +71,15 @@ def ask_board(rows: Rows, scores: ViewScores, *, target: str | None, shaped: boo
     if radial is not None and lens_lacks:
         stronger = [f for f in found.by_name.values() if f is not None and f.squares > radial.squares]
         if not stronger:
-            return Asked((_lens_check(scores, radial),))
+            return Asked((_lens_check(scores, radial),), moved=(radial.moved,))
     checks = [] if shaped else [_flatness_check(found.by_name[BEND], door)]
     checks += [_squares_check(scores, found.by_name[STRETCH], found.by_name[ASKEW], target)]
     points = board_points(rows, scores, found.real)
     checks += [] if points is None else [_points_check(points, door)]
-    return Asked(tuple(checks), found)
+    moved = [f.moved for f in found.by_name.values() if f is not None and f.real]
+    if points is not None and points.moved is not None:
+        moved.append(points.moved)
+    return Asked(tuple(checks), found, tuple(moved))
 
 
 def _lens_check(scores: ViewScores, radial: Fault) -> Check:
@@ -105,8 +110,8 @@ def _flatness_check(bend: Fault | None, door: str) -> Check:
         message = f"the board is {word} by {size}, which the uncertainties hold; {door} paraboloid estimates it"
         return Check(FLATNESS, "ok", message, height)
     message = (
-        f"the board is {word} by {size} from highest to lowest point, and moves the camera by "
-        f"{bend.shift**0.5:.2g} of its sigma: {door} paraboloid estimates it, a stiff board has none"
+        f"the board is {word} by {size} from highest to lowest point, {times(bend.shift)}: {door} paraboloid estimates "
+        "it, a stiff board has none"
     )
     return Check(FLATNESS, "warn", message, height)
 
@@ -132,7 +137,7 @@ def _squares_check(scores: ViewScores, stretch: Fault | None, askew: Fault | Non
         cure = f"measure the board both ways and give both lengths{_as_spec(target, value)}"
         if not stretch.matters:
             return Check(SQUARES, "ok", f"{told}, which the uncertainties hold; {cure}", value)
-        message = f"{told}, and move the camera by {stretch.shift**0.5:.2g} of its sigma: {cure}"
+        message = f"{told}, {times(stretch.shift)}: {cure}"
         return Check(SQUARES, "warn", message, value)
     if askew is not None and askew.real:
         value = float(askew.value[0])
@@ -140,9 +145,7 @@ def _squares_check(scores: ViewScores, stretch: Fault | None, askew: Fault | Non
         cure = "a print that is askew; print it again, or --target-shape free estimates it"
         if not askew.matters:
             return Check(SQUARES, "ok", f"{told}, which the uncertainties hold ({cure})", value)
-        return Check(
-            SQUARES, "warn", f"{told}, and move the camera by {askew.shift**0.5:.2g} of its sigma: {cure}", value
-        )
+        return Check(SQUARES, "warn", f"{told}, {times(askew.shift)}: {cure}", value)
     sigma_away = _aspect_sigma(scores)
     sigma = np.inf if stretch is None else float(stretch.sigma[0])
     told_apart = stretch is not None and abs(away - float(stretch.value[0])) > _TELLS * sigma
@@ -156,6 +159,13 @@ def _squares_check(scores: ViewScores, stretch: Fault | None, askew: Fault | Non
     if not sigma < _TELLS * max(sigma_away, _PRINTED):
         return Check(SQUARES, "ok", "fx and fy agree; the views do not tell whether the squares are square", away)
     return Check(SQUARES, "ok", f"the squares are square to {percent(sigma)} (1 sigma)", away)
+
+
+def times(shift: float) -> str:
+    """How much a fault is of what is uncertain of the camera. Args: its squared shift over sigma, per parameter."""
+    return (
+        f"which moves the camera {shift**0.5:.2g} times as far as all else that is uncertain of it (sigma holds both)"
+    )
 
 
 def percent(ratio: float) -> str:
@@ -219,8 +229,5 @@ def _points_check(points: BoardPoints, door: str) -> Check:
     status: Status = "ok" if points.shift < MATTERS else "warn"
     if status == "ok":
         return Check(POINTS, status, f"{told}, which the uncertainties hold", points.rms_mm)
-    message = (
-        f"{told}, and move the camera by {points.shift**0.5:.2g} of its sigma: look at the print and how it was cut; "
-        f"{door} free estimates every point"
-    )
+    message = f"{told}, {times(points.shift)}: look at the print and how it was cut; {door} free estimates every point"
     return Check(POINTS, status, message, points.rms_mm)

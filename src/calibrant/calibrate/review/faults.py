@@ -31,14 +31,15 @@ MATTERS = 1.0
 @dataclass(frozen=True, eq=False)
 class Fault:
     """A column found beside the lens: its estimate and where in it, its covariance from the views' scatter, how much of
-    it the lens does not have already (0 to 1), the chance of as much without it, and the squared shift of
-    (fx, fy, cx, cy) over their sigma, per parameter."""
+    it the lens does not have already (0 to 1), the chance of as much without it, by how much it moves the lens's
+    parameters (k,), and the square of that of (fx, fy, cx, cy) over their sigma, per parameter."""
 
     found: Estimate
     own: Indices
     covariance: Array
     independent: float
     chance: float
+    moved: Array
     shift: float
 
     @property
@@ -55,7 +56,7 @@ class Fault:
 
     @property
     def matters(self) -> bool:
-        """Whether it moves the lens by more than the lens's sigma."""
+        """Whether it moves the lens by more than what else is uncertain of it."""
         return self.shift >= MATTERS
 
     @property
@@ -93,7 +94,7 @@ def fault(scores: ViewScores, name: str, *, beside: Sequence[str] = ()) -> Fault
     alone = np.einsum("nii->i", scores.gram[:, columns[mine, None], columns[mine]])
     left = np.linalg.inv(found.covariance[np.ix_(mine, mine)]) * scores.sigma_px**2
     independent = float(np.min(np.diag(left) / alone))
-    return Fault(found, mine, covariance, independent, chance, lens_shift(scores, shift))
+    return Fault(found, mine, covariance, independent, chance, shift, lens_shift(scores, shift))
 
 
 @dataclass(frozen=True, eq=False)

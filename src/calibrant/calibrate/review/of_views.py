@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from calibrant.arrays import Array
 from calibrant.calibrate.review.board_shape import ask_board
-from calibrant.calibrate.review.one_camera import OneCamera, one_camera, with_spread
+from calibrant.calibrate.review.one_camera import OneCamera, one_camera
 from calibrant.calibrate.review.residuals import Structure, seen_poses
 from calibrant.calibrate.review.shutter import shutter_checks
-from calibrant.calibrate.review.view_scores import as_photos_make_it, rows_of, view_scores
+from calibrant.calibrate.review.view_scores import ViewScores, as_photos_make_it, rows_of, view_scores
 from calibrant.data import CalibrationResult, Check, verdict_of
 from calibrant.data.details import BentTarget, FreeTarget
 
@@ -30,30 +32,33 @@ def with_view_checks(
     for name in result.cameras:
         if own is None:
             own = seen_poses(result)
-        found, checks = _asked(result, name, own, structures.get(name))
+        checks, held = _asked(result, name, own, structures.get(name))
         asked = [c if alone else replace(c, name=f"{c.name}-{name}") for c in checks]
         asked = [c for c in asked if c.name not in known]
         new += asked
-        if found is not None and found.between is not None and asked:
-            cameras[name] = with_spread(cameras[name], found.between)
+        if held is not None and asked:
+            known_covariance = cameras[name].covariance
+            more = held if known_covariance is None else known_covariance + held
+            cameras[name] = replace(cameras[name], covariance=more)
     checks = (*result.checks, *new)
     return replace(result, checks=checks, cameras=cameras, verdict=verdict_of(checks))
 
 
 def _asked(
     result: CalibrationResult, name: str, poses: Mapping[tuple[str, str], Array], structure: Structure | None
-) -> tuple[OneCamera | None, tuple[Check, ...]]:
-    """What the views of one camera answer; nothing where its lens was given."""
+) -> tuple[tuple[Check, ...], Array | None]:
+    """What the views of one camera answer, and what its covariance (k, k) must hold beside what it has: the difference
+    of groups, and what each fault that is real and was not cured does to the lens. Nothing where its lens was given."""
     rows = rows_of(result, name, poses)
     scores = None if rows is None else view_scores(rows)
     if rows is None or scores is None:
-        return None, ()
+        return (), None
     if not result.is_about_cameras:
         scores = as_photos_make_it(scores)
     names = [v.file or v.id for v in rows.views]
     found = one_camera(scores, names)
     if structure is not None and structure.lens_too_simple:
-        return found, (found.check,)
+        return (found.check,), found.between
     target = result.observations.target if result.observations is not None else None
     shaped = any(result.detail(kind) is not None for kind in (BentTarget, FreeTarget))
     door = "--target-shape" if result.is_about_cameras else "calibrant intrinsics --target-shape"
@@ -61,4 +66,15 @@ def _asked(
     checks = (found.check, *asked.checks)
     if asked.found is not None and found.check.status == "ok":
         checks += shutter_checks(scores, asked.found, names)
-    return found, checks
+    return checks, _held(scores, found, asked.moved)
+
+
+def _held(scores: ViewScores, found: OneCamera, moved: Sequence[Array]) -> Array | None:
+    """Covariance (k, k) of faults that stay in the lens, each with its shift as one sigma."""
+    if found.between is None and not moved:
+        return None
+    size, at = len(scores.camera.values), scores.parameter_indices
+    held = np.zeros((size, size)) if found.between is None else found.between.copy()
+    for shift in moved:
+        held[np.ix_(at, at)] += np.outer(shift, shift)
+    return held

@@ -10,7 +10,7 @@ groups of unequal scatter leave (Nel and Van der Merwe 1986).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,7 +28,6 @@ from calibrant.calibrate.review.view_scores import (
     kept_columns,
     own_of_views,
 )
-from calibrant.cameras import Camera
 from calibrant.data import Check
 from calibrant.optimize.chances import chi2_tail, f_tail, t_tail
 
@@ -39,6 +38,8 @@ _BEYOND_NOISE = 1e-6
 """Chance, over all partings tried, that white noise alone makes the difference: none in a million calibrations."""
 _BEYOND_SCATTER = 5e-3
 """The same against the scatter of the views: one false word in two hundred sets whose views err alike."""
+_HELD = 0.05
+"""The same, from which on a difference that is beyond noise is in sigma without a word: it may be none."""
 _CERTAIN = 1e-4
 """Chance below which groups that matter are refused, and a single view is accused: one in ten thousand sets whose views
 err alike. Above it a difference of groups is named, and in sigma."""
@@ -78,19 +79,22 @@ def one_camera(scores: ViewScores, names: Sequence[str]) -> OneCamera:
     if lenses.chance > _LOOK:
         return fine
     groups = _groups(scores, names, lenses)
-    if groups is not None:
+    if groups is not None and groups.chance < _BEYOND_SCATTER:
         return _told(scores, groups, names)
-    return _single(scores, lenses, names) or fine
+    alone = _single(scores, lenses, names)
+    return alone or (fine if groups is None else _told(scores, groups, names))
 
 
 def _groups(scores: ViewScores, names: Sequence[str], lenses: OwnOfViews) -> Groups | None:
-    """The parting that is least likely by chance, of those beyond it."""
+    """The parting that is least likely by chance, of those that may be none."""
     found: list[tuple[float, Split]] = []
     for own in CHOICES:
         for split in (*named_splits(names), *ordered_splits(scores, own), *clustered_splits(scores, own, lenses)):
-            chance = _chance(scores, split, own)
-            if chance < _BEYOND_SCATTER:
-                found.append((chance, split))
+            noise, scatter = _chances(scores, split, own)
+            if noise < _BEYOND_NOISE and scatter < _BEYOND_SCATTER:
+                found.append((scatter, split))
+            elif noise < _BEYOND_SCATTER and scatter < _HELD:
+                found.append((max(scatter, _BEYOND_SCATTER), split))
     for chance, split in sorted(found, key=lambda item: item[0]):
         groups = _lenses_of(scores, split, chance)
         if groups is not None:
@@ -98,8 +102,8 @@ def _groups(scores: ViewScores, names: Sequence[str], lenses: OwnOfViews) -> Gro
     return None
 
 
-def _chance(scores: ViewScores, split: Split, own: tuple[str, ...]) -> float:
-    """Chance of the difference, over all partings of its kind; 1 where it is not beyond the noise.
+def _chances(scores: ViewScores, split: Split, own: tuple[str, ...]) -> tuple[float, float]:
+    """Chances of the difference over all partings of its kind: from white noise, and from what the views scatter.
 
     What bends the board is free, so that views which tilt it differently are no groups.
     """
@@ -107,8 +111,9 @@ def _chance(scores: ViewScores, split: Split, own: tuple[str, ...]) -> float:
     columns, mine = kept_columns(scores, *own)
     weights = everywhere(scores, columns, mine, split.second)
     found = estimate(scores, columns, weights)
-    if found is None or chi2_tail(len(mine), found.chi_square(mine)) * tried > _BEYOND_NOISE:
-        return 1.0
+    noise = 1.0 if found is None else chi2_tail(len(mine), found.chi_square(mine)) * tried
+    if noise > _BEYOND_SCATTER:
+        return 1.0, 1.0
     worst, q = 0.0, len(mine)
     for more in ((), (BEND,)):
         columns, mine = kept_columns(scores, *more, *own)
@@ -117,9 +122,9 @@ def _chance(scores: ViewScores, split: Split, own: tuple[str, ...]) -> float:
         if found is None or found.moved is None:
             if more:
                 continue  # such a bend is not determined with the lens: the plain answer stands
-            return 1.0
+            return noise, 1.0
         worst = max(worst, _welch(found, mine, split.second))
-    return worst * tried
+    return noise, worst * tried
 
 
 def _welch(found: Estimate, own: Indices, second: Mask) -> float:
@@ -186,6 +191,9 @@ def _told(scores: ViewScores, groups: Groups, names: Sequence[str]) -> OneCamera
             "or focus, or images cropped, scaled or mirrored: calibrate them apart"
         )
         return OneCamera(Check(NAME, "fail", message, groups.chance))
+    if groups.chance >= _BEYOND_SCATTER:
+        message = f"two groups of views may differ by {milli:.2g} mrad, and the uncertainties hold it: {both}"
+        return OneCamera(Check(NAME, "ok", message, groups.chance), _between(scores, groups))
     message = (
         f"two groups of views differ by {milli:.2g} mrad, and the uncertainties hold it: {both}. Did the focus or the "
         "camera's temperature change? Calibrate them apart for more"
@@ -261,9 +269,3 @@ def _apart(scores: ViewScores, offset: Array) -> float:
     fx, fy, cx, cy = (scores.camera.parameters[n] for n in ("fx", "fy", "cx", "cy"))
     moved = offset[0] * (scores.pixels - [cx, cy]) + offset[1:]
     return float(np.sqrt(np.mean(np.sum(moved**2, axis=1)))) / float(np.sqrt(fx * fy))
-
-
-def with_spread(camera: Camera, between: Array) -> Camera:
-    """The camera whose covariance holds the groups' difference as well."""
-    known = np.zeros_like(between) if camera.covariance is None else camera.covariance
-    return replace(camera, covariance=known + between)

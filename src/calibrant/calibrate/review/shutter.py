@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibrant.calibrate.review.board_shape import percent
+from calibrant.calibrate.review.board_shape import percent, times
 from calibrant.calibrate.review.faults import Found
 from calibrant.calibrate.review.view_scores import CENTRE, SHEAR, SKEW, ZOOM, ViewScores, own_of_views
 from calibrant.data import Check
@@ -40,7 +40,7 @@ def _alike(scores: ViewScores, found: Found) -> Check:
     cure = "a rolling shutter while something moved one way, or a scan"
     if not shear.matters:
         return Check(SHEARED, "ok", f"{told}, which the uncertainties hold: {cure}", value)
-    return Check(SHEARED, "warn", f"{told}, and moves the camera by {shear.shift**0.5:.2g} of its sigma: {cure}", value)
+    return Check(SHEARED, "warn", f"{told}, {times(shear.shift)}: {cure}", value)
 
 
 def _each(scores: ViewScores, names: Sequence[str]) -> Check:

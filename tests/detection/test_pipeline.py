@@ -133,3 +133,26 @@ def test_the_stereo_set_told_the_wrong_size(shared_data):
     with pytest.raises(DetectionError) as error:
         detect(shared_data("opencv_stereo_9x6") / "left*.jpg", target=Chessboard(8, 6, 0.025))
     assert str(error.value) == "0 of 13 boards found; the images look like 9x6 inner corners, you asked for 8x6"
+
+
+def test_an_image_of_another_size_is_left_out_by_name(boards, tmp_path):
+    foreign = tmp_path / "phone.png"
+    cv2.imwrite(str(foreign), cv2.resize(cv2.imread(str(boards / "8.png"), 0), (640, 480)))
+    found = detect([foreign, boards], target=TARGET)
+    assert [v.id for v in found.views] == ["8.png", "9.png", "10.png"]
+    assert found.image_sizes == {"camera": (320, 240)}
+    assert {m.id: m.reason for m in found.missed} == {
+        "phone.png": "the image is 640x480, most are 320x240; one camera takes images of one size"
+    }
+    with pytest.raises(InputError, match="images of 2 sizes: phone.png is 640x480, 8.png is 320x240"):
+        detect([foreign, boards / "8.png"], target=TARGET)
+
+
+def test_a_phone_s_heic_is_named_with_its_cure(boards, tmp_path):
+    # The first box of a file as phones write them; nothing of it can be decoded.
+    (tmp_path / "IMG_1.HEIC").write_bytes(b"\x00\x00\x00\x1cftypheic\x00\x00\x00\x00mif1heicmiaf" + bytes(64))
+    for file in boards.iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    (missed,) = detect(tmp_path, target=TARGET).missed
+    assert missed.id == "IMG_1.HEIC"
+    assert "HEIC" in missed.reason or "cannot be decoded" in missed.reason

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -69,7 +69,8 @@ def detect(
     cache: a folder that keeps what was detected, so that the same images are not searched again; refinement: how
     the corners of chessboards and ChArUco boards are measured; progress: called after each image.
     An image that cannot be read or does not show the target is listed in `missed` with the reason.
-    Raises: InputError when no image is given, none can be read, or sizes differ; DetectionError when no image shows the
+    Images of another size than most are among them.
+    Raises: InputError when no image is given, none can be read, or no size is that of most; DetectionError when no image shows the
     target.
 
         >>> import calibrant as cb
@@ -87,6 +88,7 @@ def detect(
     position = {file: i for i, file in enumerate(files)}
     done.sort(key=lambda d: position[d.file])
     size = _common_size(done)
+    done = _foreign_left_out(done, size)
     found = [d for d in done if d.detection.found]
     if not found:
         readable = [d for d in done if d.size is not None]
@@ -191,17 +193,43 @@ def _found_mirrored(files: Sequence[Path], target: Target, mirror_x: bool) -> st
 
 
 def _common_size(done: Sequence[ImageDetection]) -> tuple[int, int]:
-    first = next((d for d in done if d.size is not None), None)
-    if first is None or first.size is None:
+    """The size of more than half of the images that can be read.
+
+    Raises: InputError when none can be read, or no size has so many.
+    """
+    readable = [d for d in done if d.size is not None]
+    sizes = Counter(d.size for d in readable)
+    if not sizes:
         reasons = "; ".join(d.detection.reason or "" for d in done[:3])
         raise InputError(f"none of {len(done)} images can be read: {reasons}")
-    for other in done:
-        if other.size is not None and other.size != first.size:
-            raise InputError(
-                f"images of two sizes: {first.file.name} is {first.size[0]}x{first.size[1]}, {other.file.name} is "
-                f"{other.size[0]}x{other.size[1]}; one camera takes images of one size: leave out the others"
-            )
-    return first.size
+    size, times = sizes.most_common(1)[0]
+    if size is None or 2 * times <= len(readable):
+        first = readable[0]
+        other = next(d for d in readable if d.size != first.size)
+        raise InputError(
+            f"images of {len(sizes)} sizes: {first.file.name} is {_by(first.size)}, {other.file.name} is "
+            f"{_by(other.size)}; one camera takes images of one size: leave out the others"
+        )
+    return size
+
+
+def _by(size: tuple[int, int] | None) -> str:
+    return "unknown" if size is None else f"{size[0]}x{size[1]}"
+
+
+def _foreign_left_out(done: Sequence[ImageDetection], size: tuple[int, int]) -> list[ImageDetection]:
+    """The same, nothing found in images of another size than the camera's."""
+    return [
+        d
+        if d.size in (None, size)
+        else replace(
+            d,
+            detection=Detection.nothing(
+                f"the image is {_by(d.size)}, most are {_by(size)}; one camera takes images of one size"
+            ),
+        )
+        for d in done
+    ]
 
 
 def _refuse_another_target(detections: Sequence[Detection], target: Target) -> None:

@@ -11,7 +11,7 @@ from calibrant.errors import InputError
 
 EXTENSIONS = (
     *(".png", ".jpg", ".jpeg", ".jpe", ".bmp", ".dib", ".tif", ".tiff", ".webp", ".jp2"),
-    *(".pbm", ".pgm", ".ppm", ".pnm", ".sr", ".ras", ".gif"),
+    *(".pbm", ".pgm", ".ppm", ".pnm", ".sr", ".ras", ".gif", ".heic", ".heif", ".hif"),
 )
 """What a folder is searched for; a file that is named is read whatever its name."""
 VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv")

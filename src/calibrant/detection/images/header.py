@@ -31,6 +31,7 @@ _ORIENTATION, _WIDTH, _HEIGHT = 0x0112, 0x0100, 0x0101
 _SHORT, _LONG = 3, 4
 _EXIF = b"Exif\0\0"
 _PNG, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
+_HEIF_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
 _TIFF = (b"II*\0", b"MM\0*")
 _PNM_HEADER = 4096
 """Bytes in which a text header's numbers stand."""
@@ -141,6 +142,13 @@ def is_cut_off(data: bytes) -> bool:
         # The picture's end mark after its beginning; a preview in the header has marks of its own.
         return data.find(b"\xff\xd9", max(0, data.rfind(b"\xff\xda"))) < 0
     return data[:8] == _PNG and b"IEND" not in data[-64:] and b"IEND" not in data
+
+
+def is_heif(data: bytes) -> bool:
+    """Whether a file is HEIC or HEIF, as phones save: its first box names a brand of HEVC pictures (ISO 23008-12)."""
+    end = int.from_bytes(data[:4], "big")
+    brands = [data[8:12], *(data[at : at + 4] for at in range(16, min(end, 64), 4))]
+    return data[4:8] == b"ftyp" and any(brand in _HEIF_BRANDS for brand in brands) and b"avif" not in brands
 
 
 def png_damage(data: bytes) -> str | None:

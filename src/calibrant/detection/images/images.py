@@ -115,6 +115,8 @@ def _refuse_damaged(path: Path, data: bytes) -> None:
 
 def _decoded_image(path: Path, data: bytes, flags: int) -> NDArray[Any] | None:
     """The pixels, or None where the decoder has no such form. Raises: InputError for what it cannot read at all."""
+    if image_header.is_heif(data):
+        return _heif_image(path, data)
     if data[:4] == _SUN_RASTER:
         # OpenCV 4.13 and before give a grey raster without a palette as all black, except in colour.
         flags = cv2.IMREAD_COLOR
@@ -124,6 +126,22 @@ def _decoded_image(path: Path, data: bytes, flags: int) -> NDArray[Any] | None:
         raise InputError(f"image {path} cannot be decoded: {error.err}") from None
     except MemoryError:
         raise InputError(f"image {path} is larger than this computer's memory") from None
+
+
+def _heif_image(path: Path, data: bytes) -> NDArray[Any]:
+    """BGR of a phone's HEIC picture, upright, by the optional decoder. Raises: InputError with the cure without it."""
+    try:
+        import pillow_heif
+    except ImportError:
+        raise InputError(
+            f"image {path} is HEIC, a phone's format, which OpenCV does not read: pip install pillow-heif, or convert it "
+            "to JPEG or PNG (heif-convert; on the phone: Settings, Camera, Formats, Most Compatible)"
+        ) from None
+    try:
+        rgb = np.asarray(pillow_heif.read_heif(data))
+    except (ValueError, RuntimeError, OSError, SyntaxError) as error:
+        raise InputError(f"image {path} cannot be decoded: {error}") from None
+    return np.ascontiguousarray(rgb[..., 2::-1]) if rgb.ndim == 3 else rgb
 
 
 def _upright(path: Path, data: bytes, image: NDArray[Any] | None) -> NDArray[Any]:

@@ -95,12 +95,6 @@ def test_no_board_at_all_and_nothing_readable(tmp_path):
         detect(tmp_path, target=TARGET)
 
 
-def test_two_sizes_are_refused_by_name(boards, tmp_path):
-    cv2.imwrite(str(tmp_path / "large.png"), np.zeros((480, 640), np.uint8))
-    with pytest.raises(InputError, match=r"8\.png is 320x240, large\.png is 640x480"):
-        detect([boards, tmp_path / "large.png"], target=TARGET)
-
-
 def test_files_of_one_name_in_two_folders_keep_their_folder(boards, tmp_path):
     (tmp_path / "8.png").write_bytes((boards / "8.png").read_bytes())
     found = detect([boards / "8.png", tmp_path / "8.png"], target=TARGET)
@@ -144,7 +138,7 @@ def test_an_image_of_another_size_is_left_out_by_name(boards, tmp_path):
     assert {m.id: m.reason for m in found.missed} == {
         "phone.png": "the image is 640x480, most are 320x240; one camera takes images of one size"
     }
-    with pytest.raises(InputError, match="images of 2 sizes: phone.png is 640x480, 8.png is 320x240"):
+    with pytest.raises(InputError, match=r"images of 2 sizes: phone\.png is 640x480, 8\.png is 320x240"):
         detect([foreign, boards / "8.png"], target=TARGET)
 
 

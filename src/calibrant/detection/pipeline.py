@@ -68,10 +68,10 @@ def detect(
     to right before anything else, for cameras that deliver mirror images, and pixels are those of the flipped image;
     cache: a folder that keeps what was detected, so that the same images are not searched again; refinement: how
     the corners of chessboards and ChArUco boards are measured; progress: called after each image.
-    An image that cannot be read or does not show the target is listed in `missed` with the reason.
-    Images of another size than most are among them.
-    Raises: InputError when no image is given, none can be read, or no size is that of most; DetectionError when no image shows the
-    target.
+    An image that cannot be read, is of another size than most or does not show the target is listed in `missed` with
+    the reason.
+    Raises: InputError when no image is given, none can be read, or no size is that of most; DetectionError when no
+    image shows the target, or more show one other.
 
         >>> import calibrant as cb
         >>> observations = cb.detect("photos/*.jpg", target="chessboard:9x6:25mm")  # doctest: +SKIP

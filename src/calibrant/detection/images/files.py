@@ -11,9 +11,11 @@ from calibrant.errors import InputError
 
 EXTENSIONS = (
     *(".png", ".jpg", ".jpeg", ".jpe", ".bmp", ".dib", ".tif", ".tiff", ".webp", ".jp2"),
-    *(".pbm", ".pgm", ".ppm", ".pnm", ".sr", ".ras", ".gif", ".heic", ".heif", ".hif"),
+    *(".pbm", ".pgm", ".ppm", ".pnm", ".sr", ".ras", ".gif"),
 )
 """What a folder is searched for; a file that is named is read whatever its name."""
+PHONES = (".heic", ".heif", ".hif")
+"""Read by an optional decoder: looked for, so that none is passed over in silence."""
 VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv")
 
 _EVERY = re.compile(r"(?P<file>.+)@(?P<every>\d+)")
@@ -49,7 +51,7 @@ def natural_key(path: Path) -> list[tuple[int, int, str]]:
 
 def _expand_one(path: Path) -> list[Path]:
     if path.is_dir():
-        inside = [p for p in path.iterdir() if p.suffix.lower() in EXTENSIONS and p.is_file()]
+        inside = [p for p in path.iterdir() if p.suffix.lower() in (*EXTENSIONS, *PHONES) and p.is_file()]
         if not inside:
             raise InputError(f"the folder {path} holds no images; looked for {', '.join(EXTENSIONS)}")
         return sorted(inside, key=natural_key)

@@ -134,8 +134,8 @@ def _heif_image(path: Path, data: bytes) -> NDArray[Any]:
         import pillow_heif
     except ImportError:
         raise InputError(
-            f"image {path} is HEIC, a phone's format, which OpenCV does not read: pip install pillow-heif, or convert it "
-            "to JPEG or PNG (heif-convert; on the phone: Settings, Camera, Formats, Most Compatible)"
+            f"image {path} is HEIC, a phone's format, which OpenCV does not read: pip install pillow-heif, or convert "
+            "it to JPEG or PNG (heif-convert; on the phone: Settings, Camera, Formats, Most Compatible)"
         ) from None
     try:
         rgb = np.asarray(pillow_heif.read_heif(data))

@@ -15,6 +15,7 @@ import calibrant
 PACKAGE = Path(calibrant.__file__).parent
 FLOOR = {
     "errors": 0,
+    "expected": 0,
     "arrays": 0,
     "cancel": 0,
     "reading": 0,

@@ -12,6 +12,7 @@ from calibrant.arrays import Array
 from calibrant.cameras.model import REQUIRED, CameraModel
 from calibrant.cameras.registry import camera_model
 from calibrant.errors import InputError
+from calibrant.expected import expect, unexpected
 
 _SHOWN = 9
 """Parameters in a repr: all of the common models; a splined one has hundreds."""
@@ -44,7 +45,10 @@ class Camera:
                 f"a {self.model.name} camera needs {k} finite parameters ({', '.join(self.model.parameter_names)}), "
                 f"got {values.tolist()}"
             )
-        width, height = (int(n) for n in self.image_size)
+        try:
+            width, height = (int(n) for n in self.image_size)
+        except (TypeError, ValueError, OverflowError):
+            raise unexpected(self.image_size, "image_size", "(width, height) in pixels") from None
         if width < 1 or height < 1:
             raise InputError(f"image_size is (width, height) in pixels, both at least 1, got {self.image_size}")
         values.setflags(write=False)
@@ -72,6 +76,9 @@ class Camera:
         above 0, values that are not finite.
         """
         kind = camera_model(model)
+        expect(parameters, Mapping, "parameters", "values by name: {'fx': 800.0, 'fy': 800.0, 'cx': 320.0, …}")
+        for name, value in parameters.items():
+            expect(value, (int, float, np.number), f"parameter {name!r}", "a number")
         for name in parameters:
             kind.index(name)
         missing = [n for n in REQUIRED if n not in parameters]

@@ -18,6 +18,7 @@ from calibrant.cameras.thin_prism import ThinPrism
 from calibrant.cameras.tilted import Tilted
 from calibrant.cameras.unified import Unified
 from calibrant.errors import InputError
+from calibrant.expected import expect
 
 MODELS: dict[str, CameraModel] = {
     model.name: model
@@ -43,6 +44,7 @@ MODELS: dict[str, CameraModel] = {
 
 def camera_model(name: str) -> CameraModel:
     """The model of that name. Raises: InputError listing the known names."""
+    expect(name, str, "the camera model", "a name, such as 'brown'")
     if name in MODELS:
         return MODELS[name]
     if name.startswith(f"{FAMILY}:"):

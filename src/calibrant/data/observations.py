@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from calibrant.arrays import Array
 from calibrant.cameras.camera import Camera
 from calibrant.errors import InputError
+from calibrant.expected import expect, unexpected
 from calibrant.geometry import se3
 
 DEFAULT_CAMERA = "camera"
@@ -49,7 +50,8 @@ class View:
     file: str | None = None
 
     def __post_init__(self) -> None:
-        n = len(np.asarray(self.uv))
+        expect(self.id, str, "a view's id", "text")
+        n = len(np.atleast_1d(np.asarray(self.uv)))
         where = f"view {self.id!r}"
         set_ = object.__setattr__
         set_(self, "points", _frozen(self.points, dtype=np.float64, shape=(n, 3), what=f"{where}: points"))
@@ -111,6 +113,13 @@ class Observations:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        views = (
+            None if isinstance(self.views, str | bytes) or not isinstance(self.views, Iterable) else tuple(self.views)
+        )
+        if views is None or not all(isinstance(view, View) for view in views):
+            raise unexpected(self.views, "views", "View objects")
+        object.__setattr__(self, "views", views)
+        expect(self.image_sizes, Mapping, "image_sizes", "(width, height) by camera, such as {'camera': (640, 480)}")
         seen: set[tuple[str, str]] = set()
         for view in self.views:
             key = (view.camera, view.id)

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from calibrant.arrays import Array
 from calibrant.errors import InputError
+from calibrant.expected import names_of
 from calibrant.geometry import se3
 
 
@@ -29,6 +30,7 @@ class RobotPoses:
     source: str = ""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "ids", names_of(self.ids, "ids", "the names of the poses"))
         T = se3.check(self.T_base_gripper, name="T_base_gripper")
         if T.shape != (len(self.ids), 4, 4):
             raise InputError(f"{len(self.ids)} pose names but poses of shape {T.shape}; expected (n, 4, 4)")

@@ -25,6 +25,7 @@ from calibrant.detection.registry import check_choice, detector_for
 from calibrant.detection.subpixel.refinement import DEFAULT, Refinement
 from calibrant.errors import DetectionError, InputError
 from calibrant.executors import executor_for, in_order
+from calibrant.expected import expect, unexpected
 from calibrant.opencv import cv2
 from calibrant.targets.registry import parse_target
 from calibrant.targets.target import Target
@@ -76,6 +77,7 @@ def detect(
         >>> import calibrant as cb
         >>> observations = cb.detect("photos/*.jpg", target="chessboard:9x6:25mm")  # doctest: +SKIP
     """
+    _expect_arguments(target, mirror_x, cache, progress)
     wanted = parse_target(target) if isinstance(target, str) else target
     check_choice(wanted.kind, refinement)  # options that do not go together are said before anything is read
     files = expand(images)
@@ -259,6 +261,15 @@ def _why_none(readable: Sequence[ImageDetection], target: Target, count: int) ->
     reason, times = Counter(d.detection.reason for d in readable).most_common(1)[0]
     where = "every image" if times == count else f"{times} of the images"
     return f"{head}; {where}: {reason}"
+
+
+def _expect_arguments(target: object, mirror_x: object, cache: object, progress: object) -> None:
+    """Raises: InputError for an argument of another kind than `detect` takes."""
+    expect(target, (str, Target), "target", "a target's spec, such as 'chessboard:9x6:25mm', or a Target")
+    expect(mirror_x, bool, "mirror_x", "True or False")
+    expect(cache, (str, Path, type(None)), "cache", "a folder")
+    if progress is not None and not callable(progress):
+        raise unexpected(progress, "progress", "a function of how many are done, how many there are, and a name")
 
 
 def _detected_view(

@@ -9,6 +9,7 @@ from pathlib import Path
 from calibrant.data import CalibrationResult
 from calibrant.data.result_file import write_text
 from calibrant.diagnose.look import Look, look
+from calibrant.expected import expect
 from calibrant.reports.kinds.registry import kind_of
 from calibrant.reports.page import asset, render
 from calibrant.reports.parts.blocks import Block, Page
@@ -38,6 +39,7 @@ def write_report(
 
 def report_page(result: CalibrationResult | Look, *, images: Mapping[str, str | Path] | None = None) -> str:
     """The report's HTML, for whoever writes it or shows it. Args: as `write_report`."""
+    expect(result, (CalibrationResult, Look), "the result", "a CalibrationResult, such as cb.read('camera.json')")
     seen = look(result)
     parts = sections(seen, images={view: Path(file) for view, file in (images or {}).items()})
     page = result_head(seen.result, parts.blocks)

@@ -47,9 +47,10 @@ from calibrant.calibrate.cell.starts.cell import CellStart, cell_start
 from calibrant.calibrate.review.review import review
 from calibrant.calibrate.solvers.setup import get_setup
 from calibrant.cameras import Camera
-from calibrant.data import CalibrationResult, Check, Observations, RobotPoses, ViewResult
+from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Check, Observations, RobotPoses, ViewResult
 from calibrant.data.verdicts import refuse_if_failed, stamp
 from calibrant.errors import InputError, RefusedError
+from calibrant.expected import expect
 from calibrant.optimize.noise import NoiseEstimate
 
 if TYPE_CHECKING:
@@ -146,13 +147,19 @@ def fit_cell(
     accuracies: Mapping[str, RobotAccuracy] | None = None,
 ) -> CellFit:
     """The fit behind `calibrate_cell`; arguments and errors as there. reference: the root camera of a rig."""
+    pictures = [pictures] if isinstance(pictures, Pictures) else pictures
+    expect(pictures, (list, tuple), "pictures", "a list of Pictures, one for each camera, robot and setup")
+    for one in pictures:
+        expect(one, Pictures, "one of pictures", "Pictures")
+    expect(cameras, (Mapping, type(None)), "cameras", "known cameras by name")
     where = layout(robots, _with_own_ids(pictures), reference)
     for name in accuracies or {}:
         if name not in where.robots:
             there = ", ".join(where.robots)
             raise InputError(f"the accuracy of robot {name!r}, which has no poses; there are {there or 'none'}")
     known = dict(cameras or {})
-    for name in known:
+    for name, camera in known.items():
+        expect(camera, Camera, f"the camera {name}" if name != DEFAULT_CAMERA else "camera", "a Camera")
         if name not in where.cameras_with_images:
             there = ", ".join(where.cameras_with_images)
             raise InputError(f"intrinsics of camera {name!r}, which has no pictures; there are {there or 'none'}")

@@ -15,6 +15,7 @@ from calibrant.calibrate.cell.calibrate import CellFit, fit_cell, judged_cell
 from calibrant.calibrate.cell.problem.layout import HANDHELD, Pictures
 from calibrant.data import CalibrationResult, Observations
 from calibrant.errors import InputError
+from calibrant.expected import expect
 
 
 def calibrate_rig(
@@ -42,6 +43,7 @@ def fit_rig(
     observations: Observations, *, model: str = "brown", fix: Sequence[str] = (), reference: str | None = None
 ) -> CellFit:
     """The fit behind `calibrate_rig`; arguments and errors as there."""
+    expect(observations, Observations, "observations", "Observations of two cameras or more")
     names = tuple(observations.image_sizes)
     if len(names) < 2:
         raise InputError(f"a rig has two cameras or more, the observations have {len(names)}: {', '.join(names)}")

@@ -16,6 +16,7 @@ from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Check, Observations, verdict_of
 from calibrant.data.verdicts import refuse_if_failed
 from calibrant.errors import InputError
+from calibrant.expected import expect
 
 NEGLIGIBLE = 0.1
 """Of a sigma: what adds half a per cent to it."""
@@ -56,6 +57,8 @@ def calibrate_intrinsics(
             f"calibrate_intrinsics takes Observations, as calibrant.detect gives them, not {found}; "
             "calibrant.intrinsics takes photos"
         )
+    expect(model, str, "model", "a camera model's name, such as 'brown'")
+    expect(initial, (Camera, type(None)), "initial", "a Camera")
     stop = _stopping(max_iterations, epsilon_px)
     if model == AUTO and stop != ORDINARY:
         raise InputError("max_iterations and epsilon are of one model: with auto, each is fitted to its least error")

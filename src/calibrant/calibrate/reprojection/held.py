@@ -9,8 +9,10 @@ import numpy as np
 from calibrant.arrays import Array
 from calibrant.cameras import CameraModel
 from calibrant.errors import InputError
+from calibrant.expected import names_of
 from calibrant.optimize.manifolds import Euclidean, Manifold, Subspace
 
+_FIX = "a list of names of parameters or groups, such as ['k3', 'aspect']"
 RADIAL = ("k1", "k2", "k3", "k4", "k5", "k6")
 GROUPS = {"tangential": ("p1", "p2"), "focal": ("fx", "fy"), "principal": ("cx", "cy")}
 RADIAL_GROUP = "radial"
@@ -25,7 +27,7 @@ def expand_fix(fix: Sequence[str], model: CameraModel) -> tuple[tuple[str, ...],
     """
     held: list[str] = list(model.gauge)
     aspect = False
-    for name in fix:
+    for name in names_of(fix, "fix", _FIX):
         if name == ASPECT:
             aspect = True
         elif name == RADIAL_GROUP and (terms := [p for p in RADIAL if p in model.parameter_names]):

@@ -26,6 +26,7 @@ from calibrant.arrays import Array, Indices
 from calibrant.calibrate.reprojection.links import Link
 from calibrant.data import DEFAULT_CAMERA, Observations, RobotPoses
 from calibrant.errors import InputError
+from calibrant.expected import expect
 from calibrant.geometry import se3
 
 Frame = tuple[str, str]
@@ -320,7 +321,10 @@ def poses_variable(robot: str) -> str:
 
 def layout(robots: Mapping[str, RobotPoses] | RobotPoses, pictures: Sequence[Pictures], reference: str = "") -> Layout:
     """The layout of a cell. Raises: InputError for names that do not fit, no pictures, no robots where any is named."""
+    expect(robots, (RobotPoses, Mapping), "robots", "RobotPoses, or those of each robot by its name")
     named = {ONLY_ROBOT: robots} if isinstance(robots, RobotPoses) else dict(robots)
+    for name, poses in named.items():
+        expect(poses, RobotPoses, f"the poses of robot {name!r}", "RobotPoses")
     if not pictures or not (named or all(p.handheld for p in pictures)):
         raise InputError(
             "nothing to calibrate: give the poses of one robot or more, and the pictures of each camera; cameras "

@@ -25,6 +25,7 @@ from calibrant.tasks.writing import check_folder, check_spared, check_writable, 
 
 if TYPE_CHECKING:
     from calibrant.data import CalibrationResult
+    from calibrant.tasks.outcome import Outcome
 
 VERBS = {name.replace("-", "_").replace(" ", "_"): name for name in TASKS}
 """The command that each verb runs."""
@@ -62,6 +63,20 @@ def verb(name: str) -> Callable[..., CalibrationResult | None]:
 
 def _run(task: Task, values: Mapping[str, Any], *, force: bool) -> Any:
     """The task's result; what was asked for by name is written, all or none of it."""
+    try:
+        outcome = _outcome(task, values, force=force)
+    except CalibrantError as error:
+        error.args = (in_python(str(error), task),)
+        raise
+    for text in outcome.warnings:
+        warnings.warn(in_python(text, task), stacklevel=3)
+    if outcome.result is None and outcome.refusal is not None:
+        raise outcome.refusal
+    return outcome.result if outcome.answer is None else outcome.answer.value
+
+
+def _outcome(task: Task, values: Mapping[str, Any], *, force: bool) -> Outcome:
+    """The task's outcome, its documents written."""
     from calibrant.tasks.listener import SILENT
 
     request = build(task.Request, values)
@@ -75,17 +90,9 @@ def _run(task: Task, values: Mapping[str, Any], *, force: bool) -> Any:
             check_writable(path, force=force)
         else:
             check_folder(path, option=field.name)
-    try:
-        outcome = run_task(task, request, SILENT)
-    except CalibrantError as error:
-        error.args = (in_python(str(error), task),)
-        raise
+    outcome = run_task(task, request, SILENT)
     write_documents(outcome.documents, force=force)
-    for text in outcome.warnings:
-        warnings.warn(text, stacklevel=3)
-    if outcome.result is None and outcome.refusal is not None:
-        raise outcome.refusal
-    return outcome.result if outcome.answer is None else outcome.answer.value
+    return outcome
 
 
 def in_python(message: str, task: Task) -> str:

@@ -88,8 +88,6 @@ def intrinsics_checks(
 
 def _convergence(solution: Solution) -> Check:
     message = f"{solution.message} ({solution.iterations} steps)"
-    if not solution.converged and solution.status == "max_iterations":
-        message += "; allow more (--max-iterations)"
     return Check("convergence", "ok" if solution.converged else "fail", message, float(solution.iterations))
 
 

@@ -126,8 +126,9 @@ def board(seeds: int, robot: tuple[float, float]) -> None:
 def told(compared: Compared, D: Array, condition: str) -> tuple[bool, bool, bool, bool]:
     answer: Answer = answer_of_target(compared, None, ANY_CHANGE)
     names = [h.what for h in compared.decision.explaining]
+    first = answer.changed and answer.words.startswith("changed: the camera")
     right = condition != "unchanged" and direction_off(compared, D) < 30
-    return answer.changed, answer.changed and CAMERA in names, answer.changed and names[:1] == [CAMERA], right
+    return answer.changed, answer.changed and CAMERA in names, first, right
 
 
 def picture(seeds: int) -> None:

@@ -158,7 +158,8 @@ def test_views_whose_points_err_alike_widen_what_a_lens_may_differ_by() -> None:
     alike = cb.calibrate_intrinsics(with_shared_errors(seen, rng))
     assert spread_of(white, "camera", white.camera).factor < 1.8
     assert spread_of(alike, "camera", alike.camera).factor > 1.5
-    assert Spread(factor=1.5).shared_by(3) == 2.5
+    assert Spread(factor=1.5).shared_by(3, places=1) == 2.5
+    assert Spread(factor=1.5).shared_by(3, places=3) == 1.5
 
 
 @pytest.mark.statistics

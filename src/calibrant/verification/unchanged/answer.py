@@ -245,12 +245,12 @@ def _unchanged_words(compared: Compared, work: AtWork) -> str:
 
 
 def _limit(below: float) -> float:
-    """Sigmas of one movement at which 99 of 100 are named: the root of the limit of its chi-square of 6, and 2.33."""
+    """Sigmas of a shift at which 99 of 100 are named: the root of the limit of its chi-square of 3, and 2.33."""
     low, high = 1.0, 60.0
     for _ in range(40):
         middle = 0.5 * (low + high)
         square = middle**2
-        tail = chi2_tail(6, square) if below == inf else float(f_tail(6, below, square / 6))
+        tail = chi2_tail(3, square) if below == inf else float(f_tail(3, below, square / 3))
         low, high = (middle, high) if tail > CHANCE / QUESTIONS else (low, middle)
     return high + POWER
 
@@ -269,36 +269,36 @@ def _words(compared: Compared, h: Hypothesis) -> str:
     if h.what == BOTH and len(parts) == 2:
         return f"the target {parts[1]}" + ("" if parts[0] == UNTOLD else f", the camera {parts[0]}")
     if h.fit.model.free_lens:
-        parts.append(lens_words(h.fit))
+        parts.append(lens_words(h.fit, compared.decision.lens_factor))
     return ", ".join(parts)
 
 
-def lens_words(fit: Fit) -> str:
-    """The change of the lens: focal length in per cent, principal point in pixels."""
-    value, sigma = _lens_change(fit)
+def lens_words(fit: Fit, factor: float) -> str:
+    """The change of the lens: focal length in per cent, principal point in pixels. Args: factor, on its variance."""
+    value, sigma = _lens_change(fit, factor)
     return (
         f"changed: focal length {figure(100 * value[0], 100 * sigma[0])} %, principal point "
         f"{figure(value[1], sigma[1])} px to the right, {figure(value[2], sigma[2])} px down"
     )
 
 
-def _lens_change(fit: Fit) -> tuple[Array, Array]:
+def _lens_change(fit: Fit, factor: float) -> tuple[Array, Array]:
     camera, off = fit.model.camera, fit.lens_now - fit.lens
     at = [camera.model.index(name) for name in ("fx", "cx", "cy")]
     value = np.array([off[at[0]] / camera.values[at[0]], off[at[1]], off[at[2]]])
-    return value, np.sqrt(np.maximum(np.diag(fit.of(CHANGE)), 0.0))
+    return value, np.sqrt(factor * np.maximum(np.diag(fit.of(CHANGE)), 0.0))
 
 
 def _of_lens(compared: Compared) -> Answer:
     decision = compared.decision
     h = decision.hypotheses[0]
-    value, sigma = _lens_change(h.fit)
+    value, sigma = _lens_change(h.fit, decision.lens_factor)
     figures = {
         "focal length": (100 * float(value[0]), 100 * float(sigma[0]), "%"),
         "principal point, right": (float(value[1]), float(sigma[1]), "px"),
         "principal point, down": (float(value[2]), float(sigma[2]), "px"),
     }
-    words = lens_words(h.fit)
+    words = lens_words(h.fit, decision.lens_factor)
     n = len(compared.seen.views)
     if not decision.changed:
         text = f"unchanged: the lens explains {n} photo{'s' if n > 1 else ''} as it did at calibration; if it is free, "

@@ -7,9 +7,10 @@ Where a robot stands between, its noise is known as well as the views of the cal
 be off by more than a Gaussian allows: each view counts as one draw, and chi-square over its freedom becomes Fisher's F
 with as many degrees of freedom below as there were views to spare.
 
-Four questions are asked (did the camera move, the target, is any photo elsewhere, is the lens another), so each may
-answer by chance a fourth as often as all of them together (Bonferroni). That the lens is another is asked with every
-photo's pose free: no robot has a say in it.
+Five questions are asked at most (did the camera move, was it shifted without a turn, did the target move, is any photo
+elsewhere, is the lens another), so that each may answer by chance as much less often (Bonferroni). A shift has half the
+freedom of a move, so that small ones stand out: seen from where it works a turn is one too. That the lens is another is
+asked with every photo's pose free: no robot has a say in it.
 """
 
 from __future__ import annotations
@@ -25,12 +26,12 @@ from calibrant.calibrate.pose.both_solutions import LEAST_SIGMA_PX
 from calibrant.calibrate.reprojection.weights import excess_sigma
 from calibrant.optimize.chances import chi2_tail, f_tail
 from calibrant.verification.unchanged.model import Fit, Model, solve
-from calibrant.verification.unchanged.spread import Spread
+from calibrant.verification.unchanged.spread import Spread, places
 
 CHANCE = 1e-3
 """Chance of calling changed what is not, for all questions together: a tenth of the one in a hundred promised, since
 people's noise has heavier tails than a Gaussian's."""
-QUESTIONS = 4
+QUESTIONS = 5
 CAMERA, TARGET, BOTH, LENS_CHANGED = "camera", "target", "camera and target", "lens"
 CAMERA_MOVED, TARGET_MOVED = "camera moved", "target moved"
 """Transforms that stand at the identity where nothing changed: T_before_after, in the axes of before."""
@@ -66,6 +67,8 @@ class Decision:
     """Noise of a point per axis as it was taken: the calibration's, or that of these photos where it is larger."""
     below: float = inf
     """Degrees of freedom that the noise of poses is known with."""
+    lens_factor: float = 1.0
+    """By what the variance of a lens is larger than white noise alone makes it."""
 
     @property
     def changed(self) -> bool:
@@ -107,12 +110,16 @@ def decide(
     sigmas, sigma_px = _noise(every, spread.sigma_px)
     nothing, free = _weighed(nothing, sigmas), _weighed(free, sigmas)
     base, poses, every = solve(nothing), solve(free), solve(free.freed(lens=True))
-    shared = spread.shared_by(sum(p.now for p in free.photos))
+    now = [i for i, p in enumerate(free.photos) if p.now]
+    shared = spread.shared_by(len(now), places(np.stack([every.pose(i) for i in now])))
     of_lens = float(f_tail(3, spread.freedom, max(poses.chi2 - every.chi2, 0.0) / (3 * shared)))
     chances = [of_lens]
     dims = free.freedom - nothing.freedom
     if dims:
         chances.append(_chance(dims, base.chi2 - poses.chi2, below))
+    if CAMERA_MOVED in nothing.base:
+        shifted = solve(replace(nothing, shifted=CAMERA_MOVED))
+        chances.append(_chance(3, base.chi2 - shifted.chi2, below))
     hypotheses = []
     for q in questions:
         asked = nothing.freed(*q.free, lens=q.lens, at=q.at)
@@ -126,7 +133,7 @@ def decide(
         fits = _chance(left, (fit.chi2 - rest) / (shared if q.lens else 1.0), below) if left > 0 else 1.0
         hypotheses.append(Hypothesis(q.what, fit, chance, fits))
     hypotheses.sort(key=lambda h: (not h.explains, h.what == BOTH, h.fit.chi2))
-    return Decision(base, poses, tuple(hypotheses), min(1.0, QUESTIONS * min(chances)), sigma_px, below)
+    return Decision(base, poses, tuple(hypotheses), min(1.0, len(chances) * min(chances)), sigma_px, below, shared)
 
 
 def _chance(freedom: int, value: float, below: float) -> float:

@@ -58,8 +58,9 @@ class Photo:
 class Model:
     """The problem: where everything stands by name, what is known, and what is free.
 
-    free: names of transforms without a prior. free_lens: whether photos of now have a focal length and a principal
-    point of their own, as (relative change of the focal lengths, shift of cx, shift of cy).
+    free: names of transforms without a prior; shifted: name of one that is free to move but not to turn. free_lens:
+    whether photos of now have a focal length and a principal point of their own, as (relative change of the focal
+    lengths, shift of cx, shift of cy).
     """
 
     camera: Camera
@@ -68,6 +69,7 @@ class Model:
     known: tuple[Known, ...] = ()
     free: tuple[str, ...] = ()
     free_lens: bool = False
+    shifted: str = ""
 
     def freed(self, *names: str, lens: bool = False, at: Mapping[str, Array] | None = None) -> Model:
         """The same with these transforms free beside those that are, begun at the places given."""
@@ -77,7 +79,7 @@ class Model:
     @property
     def freedom(self) -> int:
         """How many numbers are free."""
-        return 6 * len(self.free) + 3 * self.free_lens
+        return 6 * len(self.free) + 3 * bool(self.shifted) + 3 * self.free_lens
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,6 +188,9 @@ def _maps(model: Model) -> tuple[dict[str, Array], int]:
     for name in model.free:
         maps[name][:, at : at + 6] = np.eye(6)
         at += 6
+    if model.shifted:
+        maps[model.shifted][3:, at : at + 3] = np.eye(3)
+        at += 3
     if model.free_lens:
         maps[CHANGE][:, at : at + 3] = np.eye(3)
     return maps, latents
@@ -197,7 +202,9 @@ def _moved(
     """Everything after a step: free transforms are moved where they are, latent numbers add up."""
     latents = len(z)
     moved = {
-        name: se3.retract(T, maps[name][:, latents:] @ step[latents:]) if name in model.free else T
+        name: se3.retract(T, maps[name][:, latents:] @ step[latents:])
+        if name in model.free or name == model.shifted
+        else T
         for name, T in place.items()
     }
     return moved, change + maps[CHANGE] @ step, z + step[:latents]

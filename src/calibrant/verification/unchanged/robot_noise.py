@@ -6,7 +6,7 @@ than that noise and the calibration's covariance together explain (each, radians
     extra^2 = (held-out rms^2 - predicted mean square) / 3
 
 Errors of a robot's geometry are smooth: photos taken near each other err alike. The correlation rho of neighbouring
-views of the calibration (lag 1, two sigma above what was found) says how much of the variance new photos may share.
+views of the calibration (lag 1, one sigma above what was found) says how much of the variance new photos may share.
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ def _loop(
 
 
 def _alike(steps: Array, expected: Array) -> float:
-    """Correlation of neighbouring views' errors, two sigma above what was found, 0 to 1; robust against single views
+    """Correlation of neighbouring views' errors, one sigma above what was found, 0 to 1; robust against single views
     that are far off."""
     n = len(steps)
     if n < FEWEST:
@@ -150,4 +150,4 @@ def _alike(steps: Array, expected: Array) -> float:
     length = np.linalg.norm(white, axis=1)
     white = white / np.maximum(length / max(3 * median(length), 1e-12), 1.0)[:, None]
     lag = float(np.sum(white[1:] * white[:-1]) / max(np.sum(white**2), 1e-12))
-    return float(np.clip(lag + 2 / np.sqrt(6 * (n - 1)), 0.0, 1.0))
+    return float(np.clip(lag + 1 / np.sqrt(6 * (n - 1)), 0.0, 1.0))

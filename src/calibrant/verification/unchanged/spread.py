@@ -6,7 +6,7 @@ Every view is asked for a lens of its own. With its pose eliminated, the gain of
 
 is chi-square of 3 where the noise is white and the lens is the model's. Points of one view that err alike (bent paper,
 blur, a lens that the model does not quite follow) make it larger by a factor f; that part is no noise that more photos
-average out.
+average out where they show the target at one place.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ MOST = 40
 """Views that are asked: the factor is then known to a tenth."""
 SEVERAL = 3
 """Fewer views say nothing of how views differ."""
+ALIKE = 0.1
+"""Radians of turn, and of the distance: poses within are of one place. Boards bend a view by what they are tilted."""
 UNKNOWN_FREEDOM = 1e6
 """Degrees of freedom of a factor that is taken as 1: of noise that is known."""
 
@@ -40,10 +42,21 @@ class Spread:
     freedom: float = UNKNOWN_FREEDOM
     sigma_px: float | None = None
 
-    def shared_by(self, photos: int) -> float:
+    def shared_by(self, photos: int, places: int) -> float:
         """The factor on the gain of a lens that several photos share: of its variance the part that is white falls
-        with their number, the excess may be the same in all of them."""
-        return 1.0 + max(photos, 1) * (self.factor - 1.0)
+        with their number, the excess with the number of different places they show the target at."""
+        return 1.0 + max(photos, 1) / max(places, 1) * (self.factor - 1.0)
+
+
+def places(T_camera_target: Array) -> int:
+    """How many of the poses (n, 4, 4) differ: photos of a target that was hardly moved err alike."""
+    kept: list[Array] = []
+    for T in T_camera_target:
+        turns = [float(np.linalg.norm(so3.log(K[:3, :3].T @ T[:3, :3]))) for K in kept]
+        steps = [float(np.linalg.norm(K[:3, 3] - T[:3, 3]) / max(abs(T[2, 3]), 1e-9)) for K in kept]
+        if all(turn > ALIKE or step > ALIKE for turn, step in zip(turns, steps)):
+            kept.append(T)
+    return len(kept)
 
 
 def spread_of(result: CalibrationResult, name: str, camera: Camera) -> Spread:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from calibrant.errors import InputError
 from calibrant.formats.poses.natural_order import natural_key
-from calibrant.formats.poses.pairing import match, match_by_order
+from calibrant.formats.poses.pairing import match, match_by_order, match_kept
+from calibrant.formats.poses.raw import RawPoses
 
 
 def test_names_pair_with_or_without_folder_and_extension() -> None:
@@ -68,3 +70,23 @@ def test_whole_names_go_before_stems() -> None:
 
 def test_natural_order() -> None:
     assert sorted(["10", "9", "b2", "B1", "a"], key=natural_key) == ["9", "10", "a", "B1", "b2"]
+
+
+def poses_of(count: int, names: tuple[str, ...] | None) -> RawPoses:
+    places = tuple(f"poses.csv:{i}" for i in range(count))
+    return RawPoses(np.zeros((count, 3)), np.tile([0.0, 0, 0, 1], (count, 1)), names, places)
+
+
+def test_the_pose_of_a_view_that_is_left_out_goes_with_it() -> None:
+    views, keep = ["1.png", "10.png", "2.png", "3.png"], [True, True, True, False]
+    found = match_kept(poses_of(4, None), views, keep)
+    assert dict(zip(found.view_index, found.pose_index)) == {0: 0, 1: 3, 2: 1}  # 1, 2, 3 and 10 in their order
+    assert "1 pose goes with what --exclude leaves out" in found.message
+    # Whoever took the pose out as well, or has names, is understood as before.
+    without = match_kept(poses_of(3, None), views, keep)
+    assert dict(zip(without.view_index, without.pose_index)) == {0: 0, 1: 2, 2: 1}
+    named = match_kept(poses_of(4, ("3", "2", "10", "1")), views, keep)
+    assert named.rule == "name"
+    assert named.pose_index == (3, 2, 1)
+    with pytest.raises(InputError, match="paired by order"):
+        match_kept(poses_of(5, None), views, keep)

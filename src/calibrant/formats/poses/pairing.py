@@ -62,6 +62,25 @@ def match_raw(raw: RawPoses, view_names: Sequence[str]) -> Pairing:
     return match_by_order(len(raw), view_names) if raw.names is None else match(raw.names, view_names)
 
 
+def match_kept(raw: RawPoses, view_names: Sequence[str], keep: Sequence[bool]) -> Pairing:
+    """Pair with the views that are kept, of all that there are: the pose of a view that is left out goes with it, where
+    poses have no names and there is one for each of all the views. Indices are of the kept views. Raises: as `match`."""
+    kept = [name for name, k in zip(view_names, keep) if k]
+    if len(raw) != len(view_names) or len(kept) == len(view_names):
+        return match_raw(raw, kept)
+    try:
+        every = match_raw(raw, view_names)
+    except InputError:  # names that do not meet: what is left may
+        return match_raw(raw, kept)
+    if every.rule == "name":
+        return match_raw(raw, kept)
+    place = {v: i for i, v in enumerate(i for i, k in enumerate(keep) if k)}
+    pairs = [(p, place[v]) for p, v in zip(every.pose_index, every.view_index) if v in place]
+    left = len(raw) - len(pairs)
+    message = f"{every.message}; {left} {'pose goes' if left == 1 else 'poses go'} with what --exclude leaves out"
+    return Pairing("order", tuple(p for p, _ in pairs), tuple(v for _, v in pairs), (), message)
+
+
 def match_by_order(poses: int, view_names: Sequence[str], *, pose_names: Sequence[str] | None = None) -> Pairing:
     """Pair the first pose with the first view, and so on; views in natural order. Raises: InputError as `match`."""
     if not poses or not view_names:

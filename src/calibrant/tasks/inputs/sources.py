@@ -74,13 +74,17 @@ class Source:
             )
         if self.target is None:
             raise InputError("photos need the board they show: --target, such as chessboard:9x6:25mm")
-        from calibrant.detection.images.files import expand
         from calibrant.targets.registry import parse_target
 
         parse_target(self.target)  # a misspelt board is said before anything else is looked at
+        return [f for f, k in self.every_file() if k]
+
+    def every_file(self) -> list[tuple[Path, bool]]:
+        """All photos that are named, and whether each is kept. Raises: InputError as `files`."""
+        from calibrant.detection.images.files import expand
+
         files = expand(list(self.images))
-        keep = kept([f.name for f in files], self.exclude, what="image")
-        return [f for f, k in zip(files, keep) if k]
+        return list(zip(files, kept([f.name for f in files], self.exclude, what="image")))
 
     def read(self, files: Sequence[Path]) -> Observations:
         """The observations: of `files`, which `files()` gave, or of the file of points. Raises: InputError."""

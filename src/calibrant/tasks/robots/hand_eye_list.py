@@ -177,13 +177,14 @@ def _check_list(request: ListRequest) -> None:
 
 def _with_images(request: ListRequest, raw: RawPoses) -> PairedData:
     from calibrant.formats.cameras.read import read_camera
-    from calibrant.formats.poses.pairing import match_raw
+    from calibrant.formats.poses.pairing import match_kept, match_raw
     from calibrant.formats.poses.read import every_notation
 
     source = request.source
     files = source.files()
     # Photos are paired before they are searched: a pose that is missing is said at once.
-    early = match_raw(raw, [f.name for f in files]) if files else None
+    every = source.every_file() if files else []
+    early = match_kept(raw, [f.name for f, _ in every], [k for _, k in every]) if files else None
     observations = source.read(files)
     ids = _ids_of(observations, files)
     pairing = early if early is not None else match_raw(raw, ids)

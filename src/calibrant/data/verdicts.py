@@ -20,6 +20,8 @@ def refuse_if_failed(result: CalibrationResult) -> None:
     """Raises: RefusedError with the words of every failed check, and the result for whoever wants to look into it."""
     failed = [c for c in result.checks if c.status == "fail"]
     if failed:
+        # That a fit does not end is what the others' causes do.
+        failed.sort(key=lambda c: c.name == "convergence")
         error = RefusedError("; ".join(f"{c.name}: {c.message}" for c in failed))
         error.result = result
         raise error

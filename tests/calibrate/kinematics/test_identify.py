@@ -223,6 +223,21 @@ def positioner(folder: Path) -> JointMeasurements:
     )
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_coupled_joints_are_said_to_be(sign: int) -> None:
+    """One joint at a time, the third told against the ground: it reads what the second does as well."""
+    simulated, rng = worn(7)
+    q = np.tile(simulated.draw_joints(rng, 1), (13, 1))
+    for k in range(6):
+        q[1 + 2 * k : 3 + 2 * k, k] += [0.3, 0.7]
+    measured = measure(simulated, q, rng, sigma_mm=0.01, sigma_deg=0.002)
+    told = q.copy()
+    told[:, 2] += sign * q[:, 1]
+    with pytest.raises(RefusedError, match=r"never moves alone: joint 3 reads as much .* The two are coupled"):
+        calibrate_kinematics(replace(measured, joints=told))
+    calibrate_kinematics(replace(measured, joints=q))
+
+
 def test_a_real_positioner_without_any_model(shared_data: Callable[[str], Path]) -> None:
     calibration = calibrate_kinematics(positioner(shared_data("kinematic_rct_positioner")))
     assert calibration.after.rms_mm <= 0.41

@@ -7,7 +7,8 @@ joint readings, a robot's own errors (joint offsets) are found in the same probl
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -125,11 +126,11 @@ calibrate_several = calibrate_cell
 
 def judged_cell(fit: CellFit, asked: Mapping[str, object]) -> CalibrationResult:
     """The result of a fit, stamped. Raises: RefusedError, which holds the result, where a check failed."""
-    result = stamp(
-        review(
-            cell_result(fit.cell, fit.start, fit.noise, fit.sizes, fit.certainty, fit.left_out, fit.numbering, asked)
+    with _by_its_cause(fit.start):
+        found = cell_result(
+            fit.cell, fit.start, fit.noise, fit.sizes, fit.certainty, fit.left_out, fit.numbering, asked
         )
-    )
+        result = stamp(review(found))
     refuse_if_failed(result)
     return result
 
@@ -167,12 +168,29 @@ def fit_cell(
     where, data, numbering = numbered_alike(where, data)
     free = {name: free_joints(r, identify) for name, r in _readings(where, joints).items()}
     start = cell_start(where, data, {v.id: v.reason or "" for v in left_out})
-    noise, cell = refined(Cell(where, start.data, roles, free), start.transforms, start.spread)
-    sizes = target_sizes(cell, start.data, noise.solution)
-    told = {} if where.rig else sizes.targets  # images alone have no size of their own
-    freed = {target: (size, with_size_free(cell, noise.solution, target)) for target, size in told.items()}
-    noise, certainty = certain(cell, noise, freed, accuracies or {})
+    with _by_its_cause(start):
+        noise, cell = refined(Cell(where, start.data, roles, free), start.transforms, start.spread)
+        sizes = target_sizes(cell, start.data, noise.solution)
+        told = {} if where.rig else sizes.targets  # images alone have no size of their own
+        freed = {target: (size, with_size_free(cell, noise.solution, target)) for target, size in told.items()}
+        noise, certainty = certain(cell, noise, freed, accuracies or {})
     return CellFit(noise, cell, start, left_out, numbering, sizes, certainty)
+
+
+@contextmanager
+def _by_its_cause(start: CellStart) -> Iterator[None]:
+    """Data that the start found wrong drive a fit to where it has no answer, a lens out of its field.
+
+    Raises: RefusedError by what the start found, in the place of what came of it.
+    """
+    try:
+        yield
+    except (InputError, RefusedError) as error:
+        findings = [f for alone in start.alone.values() for f in alone.report.findings]
+        failed = [f"{f.name}: {f.message}" for f in findings if f.status == "fail"]
+        if not failed:
+            raise
+        raise RefusedError("; ".join(failed)) from error
 
 
 def told_accuracies(given: Mapping[str, Accuracy] | Accuracy | None) -> dict[str, RobotAccuracy]:

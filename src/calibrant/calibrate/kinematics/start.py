@@ -97,10 +97,29 @@ def free_chain(measurements: JointMeasurements) -> ProductOfExponentials:
     return _chain_of(tuple(joints), np.array(screws), T, q)
 
 
+def _refuse_coupled(d: Array, k: int, name: str) -> None:
+    """Raises: RefusedError where another joint changes by as much as joint k whenever only these two change.
+
+    d (p, joints): differences between poses.
+    """
+    for m in range(d.shape[1]):
+        if m == k:
+            continue
+        others = np.abs(np.delete(d, [k, m], axis=1)).max(axis=1, initial=0.0)
+        pair = (np.abs(d[:, k]) > 1e-3) & (others < _ALONE * np.abs(d[:, k]))
+        for sign, words, instead in ((1, "more", "less"), (-1, "less", "plus")):
+            if np.any(pair & (np.abs(d[:, m] - sign * d[:, k]) < _ALONE * np.abs(d[:, k]))):
+                raise RefusedError(
+                    f"joint {name} never moves alone: joint {m + 1} reads as much {words} whenever it does. The two "
+                    f"are coupled, as where J3 is told against the ground (Fanuc): give joint {m + 1} {instead} joint "
+                    f"{k + 1} in its place, or the robot (--robot FILE) and --identify offsets,coupling,geometry"
+                )
+
+
 def _screw(T: Array, q: Array, k: int, name: str, before: Array) -> Array:
     """Twist per unit of joint k, weighted mean over all pairs in which it moves alone."""
     i, j = np.triu_indices(len(q), 1)
-    d = q[j] - q[i]
+    d = every = q[j] - q[i]
     others = np.abs(np.delete(d, k, axis=1)).max(axis=1, initial=0.0)
     single = (np.abs(d[:, k]) > 1e-3) & (others < _ALONE * np.abs(d[:, k]))
     alone = single & (np.abs(d[:, k]) < _LARGEST_TURN)
@@ -110,6 +129,7 @@ def _screw(T: Array, q: Array, k: int, name: str, before: Array) -> Array:
             "if the joints are given in degrees, say so: --joint-angle deg"
         )
     if not alone.any():
+        _refuse_coupled(d, k, name)
         raise RefusedError(
             f"joint {name} never moves alone; without a nominal robot every joint needs poses between which only it "
             "moves (by less than half a turn); add such poses, or give the robot (--robot FILE)"
@@ -121,6 +141,7 @@ def _screw(T: Array, q: Array, k: int, name: str, before: Array) -> Array:
     rate = float(np.linalg.norm(screw[:3]))
     slides = rate < 0.02 and np.linalg.norm(screw[3:]) > 0.5
     if not slides and not 0.8 < rate < 1.25:
+        _refuse_coupled(every, k, name)
         degrees = abs(rate * 180 / np.pi - 1) < 0.25
         cure = (
             "; if it is given in degrees, say so: --joint-angle deg"

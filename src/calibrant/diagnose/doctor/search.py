@@ -50,6 +50,8 @@ REMARKS: tuple[Examine, ...] = (exchanged.examine, markers.examine)
 MOST_ROUNDS = 12
 """Repairs one after the other; data with more faults than this are not worth repairing."""
 LEAST_POSES = 3
+STILL_OPEN = ("no-agreement", "views-disagree")
+"""Findings about all that is left when nothing more can be repaired."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,9 +110,19 @@ def examine(case: Case) -> Examination:
     found += [f for ask in REMARKS for f in ask(current)]
     if not any(f.name == "views-disagree" for f in found):
         found += _open_loop(current)
+    if any(f.name in STILL_OPEN and f.status == "fail" for f in found):
+        found, current = [_no_repair(f) for f in found], case
     # Motions are judged by what is left: repairs may have left too little.
     left = motions.examine(current) if current is not case else still
     return Examination((*_merged(found), *left), case, current, case.loop, current.loop)
+
+
+def _no_repair(finding: Finding) -> Finding:
+    """What was found on the way to a loop that stays open: it closes nothing, and is no repair to propose."""
+    if not finding.proposal:
+        return finding
+    message = f"{finding.message}; with that undone the loop stays open all the same"
+    return replace(finding, message=message, proposal="", repair=None)
 
 
 def _asked(ask: Examine, case: Case) -> list[Finding]:

@@ -64,7 +64,7 @@ def match_raw(raw: RawPoses, view_names: Sequence[str]) -> Pairing:
 
 def match_kept(raw: RawPoses, view_names: Sequence[str], keep: Sequence[bool]) -> Pairing:
     """Pair with the views that are kept, of all that there are: the pose of a view that is left out goes with it, where
-    poses have no names and there is one for each of all the views. Indices are of the kept views. Raises: as `match`."""
+    poses have no names and there is one for each of all the views. Indices: of those kept. Raises: as `match`."""
     kept = [name for name, k in zip(view_names, keep) if k]
     if len(raw) != len(view_names) or len(kept) == len(view_names):
         return match_raw(raw, kept)

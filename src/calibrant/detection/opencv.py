@@ -21,6 +21,8 @@ from calibrant.targets.dictionaries import dictionary_name
 VERSION = tuple(int(n) for n in cv2.__version__.split(".")[:2])
 # Before 4.14 its CharucoDetector counted from the corner of the top left pixel, unlike the rest of the library
 # (measured on drawn boards; a test watches it).
+MOST_REMAPPED = 2**15 - 1
+"""Pixels a side from which on OpenCV's remap refuses: it counts them in 16 bits."""
 CHARUCO_OFFSET_PX = 0.5 if VERSION < (4, 14) else 0.0
 
 
@@ -72,10 +74,24 @@ def shrink(grey: Grey, factor: int) -> Grey:
 
 def sample(grey: Grey, uv: Array) -> Array:
     """Grey values at pixels (n, m, 2), bilinear, (n, m); outside the image the nearest pixel's."""
+    if max(*grey.shape, *uv.shape[:2]) >= MOST_REMAPPED:
+        return _sample_large(grey, uv)
     maps = np.asarray(uv, dtype=np.float32)
     return np.asarray(
         cv2.remap(grey, maps[..., 0], maps[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float64
     )
+
+
+def _sample_large(grey: Grey, uv: Array) -> Array:
+    """As `sample`, for pictures and lists that OpenCV's remap does not take."""
+    high = np.array(grey.shape[::-1]) - 1
+    at = np.clip(np.nan_to_num(uv), 0, high)
+    whole = np.minimum(at.astype(np.int64), np.maximum(high - 1, 0))
+    u, v = np.moveaxis(whole, -1, 0)
+    fu, fv = np.moveaxis(at - whole, -1, 0)
+    right, below = np.minimum(u + 1, high[0]), np.minimum(v + 1, high[1])
+    upper = (1.0 - fu) * grey[v, u] + fu * grey[v, right]
+    return np.asarray((1.0 - fv) * upper + fv * ((1.0 - fu) * grey[below, u] + fu * grey[below, right]))
 
 
 def refine_corners(grey: Grey, uv: Array, half_window_px: int) -> Array:

@@ -124,7 +124,14 @@ def detect_file(file: Path, target: Target, mirror_x: bool, refinement: Refineme
     if mirror_x:
         grey = np.ascontiguousarray(grey[:, ::-1])
     h, w = grey.shape
-    detection = detector_for(target.kind, refinement).detect(grey, target)
+    try:
+        detection = detector_for(target.kind, refinement).detect(grey, target)
+    except cv2.error as error:
+        # What one picture's shape or content is too much for costs that picture, not the others.
+        what = str(error.err or error).strip()
+        detection = Detection.nothing(
+            f"this image of {w}x{h} cannot be searched: OpenCV says {what!r}; make it smaller"
+        )
     return ImageDetection(file, (w, h), detection, orientation_of(file))
 
 

@@ -67,3 +67,44 @@ def test_a_run_whose_images_mostly_show_another_board_is_refused(tmp_path: Path)
     with pytest.raises(DetectionError, match=r"2 of 3 images look like 7 columns .* you asked for 5x7, which 1 seems"):
         detect(tmp_path, target=BOARD)
     assert len(detect(tmp_path, target=other).views) == 2
+
+
+def test_the_corners_of_a_strip_lie_on_one_line() -> None:
+    strip = Charuco(2, 12, 0.03, 0.022, "DICT_5X5_100")
+    quad = 0.75 * np.array([[280.0, 10.0], [350.0, 10.0], [350.0, 460.0], [280.0, 460.0]])
+    found = CharucoDetector().detect(picture_of(strip, quad), strip)
+    assert not found.found
+    assert "corners of a ChArUco board of 2x12 squares lie on one line" in str(found.reason)
+
+
+def picture_of(board: Charuco, quad: np.ndarray) -> np.ndarray:
+    return photograph(board, facing(board, quad=quad))[0]
+
+
+@pytest.mark.parametrize("shape", [(33_000, 480), (360, 33_000)])
+def test_pictures_with_more_pixels_a_side_than_opencv_counts(shape: tuple[int, int]) -> None:
+    large, (small, truth) = np.full(shape, 90, np.uint8), photograph(BOARD, facing(BOARD, quad=QUADS[0]))
+    corner = np.array([shape[1] - small.shape[1], shape[0] - small.shape[0]])
+    large[corner[1] :, corner[0] :] = small
+    found = CharucoDetector().detect(large, BOARD)
+    assert len(found.point_ids) == 24
+    assert np.abs(found.uv - truth[found.point_ids] - corner).max() < 0.2
+
+
+def test_a_picture_that_opencv_fails_on_costs_itself_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for k in range(2):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), picture(k))
+    search = CharucoDetector.detect
+    calls: list[int] = []
+
+    def fails_once(self: CharucoDetector, *args: object, **options: object) -> object:
+        calls.append(1)
+        if len(calls) == 1:
+            cv2.remap(np.zeros((4, 4), np.uint8), np.zeros(0, np.float32), None, cv2.INTER_LINEAR)
+        return search(self, *args, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(CharucoDetector, "detect", fails_once)
+    found = detect(tmp_path, target=BOARD, workers=1)
+    assert [v.id for v in found.views] == ["1.png"]
+    assert found.missed[0].id == "0.png"
+    assert "cannot be searched" in found.missed[0].reason

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibrant.arrays import Array, Grey
-from calibrant.detection.charuco.size import size_seen
+from calibrant.detection.charuco.size import OTHER_MARKER, size_seen
 from calibrant.detection.detection import Detection
 from calibrant.detection.opencv import Markers
 from calibrant.detection.tags.agreement import agreeing_group
@@ -37,8 +37,13 @@ def why_not_found(grey: Grey, target: Charuco, markers: Markers, quads: Array) -
 
     Args: markers, the most that were read of the target's dictionary; quads (n, 4, 2) px, where others may be read.
     """
+    if min(target.columns, target.rows) == 2 and np.any(markers.ids < target.marker_count):
+        return Detection.nothing(
+            f"the corners of a ChArUco board of {target.columns}x{target.rows} squares lie on one line, which fixes "
+            "neither a pose nor a camera: use a board of three squares or more each way, or its markers as a bundle"
+        )
     seen = size_seen(markers, target)
-    if seen is not None:
+    if seen is not None and not _the_same(seen, target):
         return _another_size(seen, target)
     ids = np.unique(markers.ids)
     last = target.marker_count - 1
@@ -54,7 +59,8 @@ def why_not_found(grey: Grey, target: Charuco, markers: Markers, quads: Array) -
     if on_board >= _LEAST_OTHER_MARKERS:
         return Detection.nothing(
             f"{on_board} markers of the board seen, but they do not lie as on a board of {size} squares, or too few "
-            "corners between them are in the picture; check the size in squares and its order, columns x rows"
+            "corners between them are in the picture, or all on one line; check the size in squares and its order, "
+            "columns x rows"
         )
     if on_board:
         return Detection.nothing(
@@ -83,6 +89,12 @@ def another_board(target: Charuco, markers: Markers, explained: int) -> Detectio
         return None
     more = int(np.count_nonzero(agreeing_group(markers, seen))) > explained
     return _another_size(seen, target) if more else None
+
+
+def _the_same(seen: Charuco, target: Charuco) -> bool:
+    """Whether a board told by its markers alone is the one asked for, as well as these tell."""
+    same = (seen.columns, seen.rows) == (target.columns, target.rows)
+    return same and abs(seen.marker / target.marker - 1.0) < OTHER_MARKER
 
 
 def _another_size(seen: Charuco, target: Charuco) -> Detection:

@@ -17,8 +17,8 @@ from calibrant.calibrate.review.view_scores import (
     ZOOM,
     ViewScores,
     estimate,
-    everywhere,
     kept_columns,
+    only_in,
     own_of_views,
     rows_of,
     view_scores,
@@ -72,7 +72,7 @@ def test_a_small_fault_of_any_kind_is_found_at_its_size(name: str, size: list[fl
     result = calibrate_keeping(_moved(scene.observations, uv)).result
     scores = _scores(result)
     columns, own = kept_columns(scores, name)
-    found = estimate(scores, columns, everywhere(scores, columns, own, half))
+    found = estimate(scores, columns, only_in(scores, columns, own, half))
     assert found is not None
     np.testing.assert_allclose(found.value[own], size, rtol=0.02, atol=0.01 * np.abs(size).max())
 
@@ -85,7 +85,7 @@ def test_own_lenses_of_clean_views_are_chi_square_and_leaving_out_bears_out_the_
         squares, freedom = squares + lenses.squares.sum(), freedom + lenses.freedom.sum()
         columns, own = kept_columns(scores, ZOOM, CENTRE)
         second = np.arange(16) % 2 == 1
-        found = estimate(scores, columns, everywhere(scores, columns, own, second), leave_out=True)
+        found = estimate(scores, columns, only_in(scores, columns, own, second), leave_out=True)
         assert found is not None
         assert found.moved is not None
         spread = 15 / 16 * np.sum(found.moved[:, own] ** 2, axis=0)
@@ -97,7 +97,7 @@ def test_own_lenses_of_clean_views_are_chi_square_and_leaving_out_bears_out_the_
 def test_leaving_a_view_out_is_what_leaving_it_out_gives() -> None:
     scores = _scores(calibrate_keeping(intrinsics_scene(9, seed=4).observations).result)
     columns, own = kept_columns(scores, ZOOM)
-    weights = everywhere(scores, columns, own, np.arange(9) >= 4)
+    weights = only_in(scores, columns, own, np.arange(9) >= 4)
     found = estimate(scores, columns, weights, leave_out=True)
     keep = np.arange(9) != 2
     without = estimate(replace(scores, ids=scores.ids[:8], gram=scores.gram[keep]), columns, weights[keep])

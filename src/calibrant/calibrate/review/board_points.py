@@ -22,7 +22,6 @@ from calibrant.calibrate.review.view_scores import (
     Rows,
     ViewScores,
     estimate,
-    everywhere,
     kept_columns,
     lens_shift,
 )
@@ -141,8 +140,8 @@ def _repeats(turned: Array) -> float:
 
 def _beside(scores: ViewScores, rows: Rows, real: tuple[str, ...]) -> Array:
     """Residuals (N, 2) once the faults found, and the lens and the poses with them, are taken out."""
-    columns, own = kept_columns(scores, *real)
-    found = estimate(scores, columns, everywhere(scores, columns, own))
+    columns, _ = kept_columns(scores, *real)
+    found = estimate(scores, columns)
     if found is None:
         return scores.X[-1]
     moved = scores.X[-1] + np.tensordot(found.value, scores.X[POSE + columns], axes=1)

@@ -14,6 +14,7 @@ Rectangles show by views at several rolls: a board that was never rolled gives t
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -43,6 +44,8 @@ _TELLS = 3.0
 _MOST_NAMED = 5
 _LACKED = 0.1
 """Share of a distortion that the lens model has no term for: a model with a radial term leaves under a hundredth."""
+_ROUNDING = 1e-12
+"""A variance this far below its own terms is what rounding left of none."""
 _PRINTED = 1e-3
 """Paper is printed to about a thousandth in either direction, sensors to far less: a smaller ratio accuses nobody."""
 
@@ -116,12 +119,18 @@ def _flatness_check(bend: Fault | None, door: str) -> Check:
     return Check(FLATNESS, "warn", message, height)
 
 
-def _largest_height(bend: Fault) -> tuple[float, float]:
-    """Highest minus lowest point of the bend over the plane closest to it, with its sigma, mm."""
+@cache
+def _bends() -> Array:
+    """The three modes of a bend over a board, (81, 3), each without the plane closest to it."""
     x, y = (grid.ravel() for grid in np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-1, 1, 9)))
     modes = np.stack([1 - x**2, x * y, 1 - y**2], axis=-1)
     plane = np.column_stack([np.ones(len(x)), x, y])
-    modes = modes - plane @ np.linalg.lstsq(plane, modes, rcond=None)[0]
+    return np.asarray(modes - plane @ np.linalg.lstsq(plane, modes, rcond=None)[0])
+
+
+def _largest_height(bend: Fault) -> tuple[float, float]:
+    """Highest minus lowest point of the bend over the plane closest to it, with its sigma, mm."""
+    modes = _bends()
     heights: Array = modes @ bend.value
     across = modes[np.argmax(heights)] - modes[np.argmin(heights)]
     return float(np.ptp(heights)), float(np.sqrt(across @ bend.covariance @ across))
@@ -146,18 +155,18 @@ def _squares_check(scores: ViewScores, stretch: Fault | None, askew: Fault | Non
         if not askew.matters:
             return Check(SQUARES, "ok", f"{told}, which the uncertainties hold ({cure})", value)
         return Check(SQUARES, "warn", f"{told}, {times(askew.shift)}: {cure}", value)
-    sigma_away = _aspect_sigma(scores)
     sigma = np.inf if stretch is None else float(stretch.sigma[0])
     told_apart = stretch is not None and abs(away - float(stretch.value[0])) > _TELLS * sigma
-    if abs(away) > max(_TELLS * sigma_away, _PRINTED) and not told_apart:
+    sigma_away = 0.0 if told_apart or abs(away) < _PRINTED else _aspect_sigma(scores)
+    if 0 < _TELLS * sigma_away < abs(away):
         message = (
             f"fx / fy = {1 + away:.5f} ± {sigma_away:.1g} rests on squares that are square: the board was hardly "
             f"rolled, and squares {percent(away)} {_which(away)} with square pixels explain the views as well "
             f"({abs(fx - fy):.2g} px of fx). Measure the board both ways, or turn it by 90 deg in some views"
         )
         return Check(SQUARES, "warn", message, away)
-    if not sigma < _TELLS * max(sigma_away, _PRINTED):
-        return Check(SQUARES, "ok", "fx and fy agree; the views do not tell whether the squares are square", away)
+    if sigma > _TELLS * _PRINTED:
+        return Check(SQUARES, "ok", "the views do not tell whether the squares are square", away)
     return Check(SQUARES, "ok", f"the squares are square to {percent(sigma)} (1 sigma)", away)
 
 
@@ -177,14 +186,17 @@ def _which(stretch: float) -> str:
 
 
 def _aspect_sigma(scores: ViewScores) -> float:
-    """1 sigma of fx / fy, from what the views scatter where that can be told."""
+    """1 sigma of fx / fy, from what the views scatter where that can be told; 0 where the ratio was held."""
     camera = scores.camera
     i, j = camera.model.index("fx"), camera.model.index("fy")
     g = np.zeros(len(camera.values))
     g[i], g[j] = 1 / camera.values[j], -camera.values[i] / camera.values[j] ** 2
     stated = 0.0 if camera.covariance is None else float(g @ camera.covariance @ g)
+    size = 0.0 if camera.covariance is None else float(np.abs(g) @ np.abs(camera.covariance) @ np.abs(g))
+    if stated <= _ROUNDING * size:
+        return 0.0
     n = len(scores)
-    found = estimate(scores, scores.lens, np.ones((n, len(scores.lens))), leave_out=True)
+    found = estimate(scores, scores.lens, leave_out=True)
     scatter = 0.0
     if found is not None and found.moved is not None:
         scatter = (n - 1) / n * float(np.sum((found.moved @ g[scores.parameter_indices]) ** 2))

@@ -16,7 +16,6 @@ from calibrant.calibrate.review.view_scores import (
     Estimate,
     ViewScores,
     estimate,
-    everywhere,
     kept_columns,
     lens_shift,
 )
@@ -31,8 +30,9 @@ MATTERS = 1.0
 @dataclass(frozen=True, eq=False)
 class Fault:
     """A column found beside the lens: its estimate and where in it, its covariance from the views' scatter, how much of
-    it the lens does not have already (0 to 1), the chance of as much without it, by how much it moves the lens's
-    parameters (k,), and the square of that of (fx, fy, cx, cy) over their sigma, per parameter."""
+    it the lens does not have already (0 to 1; 0 where it is within noise), the chance of as much without it, by how
+    much it moves the lens's parameters (k,), and the square of that of (fx, fy, cx, cy) over their sigma, per
+    parameter."""
 
     found: Estimate
     own: Indices
@@ -69,16 +69,15 @@ def fault(scores: ViewScores, name: str, *, beside: Sequence[str] = ()) -> Fault
     """A column's estimate; None where the views do not determine it, or not without one of them."""
     columns, own = kept_columns(scores, *beside, name)
     mine = own[-len(scores.columns[name]) :]
-    weights = everywhere(scores, columns, own)
-    found = estimate(scores, columns, weights)
+    found = estimate(scores, columns)
     if found is None:
         return None
     n, q = len(scores), len(mine)
     value, covariance = found.value[mine], found.covariance[np.ix_(mine, mine)]
     chance = chi2_tail(q, found.chi_square(mine))
-    shift = np.zeros(len(scores.lens))
+    shift, independent = np.zeros(len(scores.lens)), 0.0
     if chance < CHANCE:  # beyond white noise: is it beyond what the views scatter?
-        left_out = estimate(scores, columns, weights, leave_out=True)
+        left_out = estimate(scores, columns, leave_out=True)
         if left_out is None or left_out.moved is None:
             return None
         moved = left_out.moved[:, mine]
@@ -88,13 +87,13 @@ def fault(scores: ViewScores, name: str, *, beside: Sequence[str] = ()) -> Fault
         statistic = float(value @ np.linalg.solve(covariance, value)) * (n - q) / (q * (n - 1))
         chance = max(float(f_tail(q, n - q, statistic)), chance)
         others = columns[np.isin(columns, columns[mine], invert=True)]
-        before = estimate(scores, others, np.ones((n, len(others))))
+        before = estimate(scores, others)
         if before is not None:
             shift = found.value[: len(shift)] - before.value[: len(shift)]
-    alone = np.einsum("nii->i", scores.gram[:, columns[mine, None], columns[mine]])
-    left = np.linalg.inv(found.covariance[np.ix_(mine, mine)]) * scores.sigma_px**2
-    independent = float(np.min(np.diag(left) / alone))
-    return Fault(found, mine, covariance, independent, chance, shift, lens_shift(scores, shift))
+        left = np.linalg.inv(found.covariance[np.ix_(mine, mine)]) * scores.sigma_px**2
+        independent = float(np.min(np.diag(left) / np.diag(scores.together)[columns[mine]]))
+    moved_by = lens_shift(scores, shift) if shift.any() else 0.0
+    return Fault(found, mine, covariance, independent, chance, shift, moved_by)
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,8 +24,8 @@ from calibrant.calibrate.review.view_scores import (
     OwnOfViews,
     ViewScores,
     estimate,
-    everywhere,
     kept_columns,
+    only_in,
     own_of_views,
 )
 from calibrant.data import Check
@@ -109,7 +109,7 @@ def _chances(scores: ViewScores, split: Split, own: tuple[str, ...]) -> tuple[fl
     """
     tried = split.tried * len(CHOICES)
     columns, mine = kept_columns(scores, *own)
-    weights = everywhere(scores, columns, mine, split.second)
+    weights = only_in(scores, columns, mine, split.second)
     found = estimate(scores, columns, weights)
     noise = 1.0 if found is None else chi2_tail(len(mine), found.chi_square(mine)) * tried
     if noise > _BEYOND_SCATTER:
@@ -118,7 +118,7 @@ def _chances(scores: ViewScores, split: Split, own: tuple[str, ...]) -> tuple[fl
     for more in ((), (BEND,)):
         columns, mine = kept_columns(scores, *more, *own)
         mine = mine[-q:]
-        found = estimate(scores, columns, everywhere(scores, columns, mine, split.second), leave_out=True)
+        found = estimate(scores, columns, only_in(scores, columns, mine, split.second), leave_out=True)
         if found is None or found.moved is None:
             if more:
                 continue  # such a bend is not determined with the lens: the plain answer stands
@@ -153,7 +153,7 @@ def _lenses_of(scores: ViewScores, split: Split, chance: float) -> Groups | None
     """The lens of each group, differing in scale and shift alone."""
     camera = scores.camera
     columns, mine = kept_columns(scores, ZOOM, CENTRE)
-    found = estimate(scores, columns, everywhere(scores, columns, mine, split.second), leave_out=True)
+    found = estimate(scores, columns, only_in(scores, columns, mine, split.second), leave_out=True)
     if found is None:
         return None
     # (fx, fy, cx, cy) of both groups are linear in the unknowns.

@@ -20,8 +20,8 @@ from calibrant.calibrate.review.view_scores import (
     OwnOfViews,
     ViewScores,
     estimate,
-    everywhere,
     kept_columns,
+    only_in,
 )
 
 FEWEST = 3
@@ -90,7 +90,7 @@ def _strongest(scores: ViewScores, masks: Sequence[Mask], own: tuple[str, ...]) 
     columns, mine = kept_columns(scores, *own)
     squares = []
     for mask in masks:
-        found = estimate(scores, columns, everywhere(scores, columns, mine, mask))
+        found = estimate(scores, columns, only_in(scores, columns, mine, mask))
         squares.append(0.0 if found is None else found.chi_square(mine))
     return [masks[i] for i in np.argsort(squares)[::-1]]
 
@@ -101,7 +101,7 @@ def _settled(scores: ViewScores, second: Mask, own: tuple[str, ...]) -> Mask:
     gram = scores.gram[:, columns[:, None], columns]
     right = scores.gram[:, columns, -1]
     for _ in range(_ROUNDS):
-        found = estimate(scores, columns, everywhere(scores, columns, mine, second))
+        found = estimate(scores, columns, only_in(scores, columns, mine, second))
         if found is None or not _large_enough(second):
             return second
         with_own, without = found.value, found.value.copy()

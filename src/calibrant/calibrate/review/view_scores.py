@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -62,6 +63,11 @@ class ViewScores:
 
     def __len__(self) -> int:
         return len(self.ids)
+
+    @cached_property
+    def together(self) -> Array:
+        """Sum of the Gram matrices, (F, F): what all views say."""
+        return self.gram.sum(axis=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,20 +261,28 @@ class Estimate:
         return float(x @ np.linalg.solve(C, x))
 
 
-def estimate(scores: ViewScores, columns: Indices, weights: Array, *, leave_out: bool = False) -> Estimate | None:
+def estimate(
+    scores: ViewScores, columns: Indices, weights: Array | None = None, *, leave_out: bool = False
+) -> Estimate | None:
     """The unknowns that belong to some columns, each view's column taken times its weight; None if undetermined.
 
-    Args: columns (m,) of the Gram matrices; weights (n, m): 1 where the view has the unknown, 0 where it has not.
+    Args: columns (m,) of the Gram matrices; weights (n, m): 1 where the view has the unknown, 0 where it has not; all
+    have all where it is not given.
     """
-    M = scores.gram[:, columns[:, None], columns[None, :]] * weights[:, :, None] * weights[:, None, :]
-    y = scores.gram[:, columns, -1] * weights
-    A, total = M.sum(axis=0), y.sum(axis=0)
+    M = y = None
+    if weights is None and not leave_out:
+        A, total = scores.together[columns[:, None], columns], scores.together[columns, -1]
+    else:
+        M, y = scores.gram[:, columns[:, None], columns[None, :]], scores.gram[:, columns, -1]
+        if weights is not None:
+            M, y = M * weights[:, :, None] * weights[:, None, :], y * weights
+        A, total = M.sum(axis=0), y.sum(axis=0)
     inverse = _inverse(A)
     if inverse is None:
         return None
     value = -inverse @ total
     covariance = inverse * scores.sigma_px**2
-    if not leave_out:
+    if not leave_out or M is None or y is None:
         return Estimate(value, covariance, None)
     scale = 1 / np.sqrt(np.diag(A))
     without = (A - M) * scale[:, None] * scale
@@ -321,11 +335,10 @@ def kept_columns(scores: ViewScores, *names: str) -> tuple[Indices, Indices]:
     return np.concatenate([scores.lens, own]), len(scores.lens) + np.arange(len(own))
 
 
-def everywhere(scores: ViewScores, columns: Indices, own: Indices, views: Mask | None = None) -> Array:
-    """Weights (n, m): the lens in all views, the own columns in the views given, or in all."""
+def only_in(scores: ViewScores, columns: Indices, own: Indices, views: Mask) -> Array:
+    """Weights (n, m): the lens in all views, the own columns in the views given."""
     weights = np.ones((len(scores), len(columns)))
-    if views is not None:
-        weights[:, own] = views[:, None]
+    weights[:, own] = views[:, None]
     return weights
 
 
@@ -346,7 +359,7 @@ def as_photos_make_it(scores: ViewScores) -> ViewScores:
     """The scores of a lens whose covariance holds, beside what is stated, what the views scatter among each other: a
     robot makes a lens look more certain than its photos are, and what they do to it is no less for that."""
     n, camera = len(scores), scores.camera
-    found = estimate(scores, scores.lens, np.ones((n, len(scores.lens))), leave_out=True)
+    found = estimate(scores, scores.lens, leave_out=True)
     if found is None or found.moved is None or camera.covariance is None:
         return scores
     covariance = camera.covariance.copy()

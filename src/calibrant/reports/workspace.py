@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibrant.data import DEFAULT_CAMERA, CalibrationResult
-from calibrant.diagnose.budget.workspace import PlaceUncertainty, WorkspaceUncertainty, sigma_mm
+from calibrant.data import CalibrationResult
+from calibrant.diagnose.budget.workspace import PlaceUncertainty, WorkspaceUncertainty
 from calibrant.diagnose.look import Look
 from calibrant.reports.parts.numbers import plain
 
@@ -67,7 +67,9 @@ def _block(result: CalibrationResult, camera_name: str, found: WorkspaceUncertai
         "mean": plain(found.mean_mm, digits=2),
         "camera": f"{plain(found.camera_mm, digits=2)} mm and {plain(found.camera_deg, digits=2)} deg "
         f"in the {found.camera_parent} frame",
-        "size_given_mm": _with_size_given(result, camera_name, found),
+        "size_given_mm": plain(found.camera_sized_mm, digits=2)
+        if found.camera_mm > _OTHER * found.camera_sized_mm
+        else "",
         "layers": [_layer(found, k, low, high) for k in _heights(found)],
         "low": plain(low, digits=2),
         "high": plain(high, digits=2),
@@ -78,15 +80,6 @@ def _block(result: CalibrationResult, camera_name: str, found: WorkspaceUncertai
         "tolerance": result.options.get("tolerance"),
         "target_sigma": f"{plain(100 * found.target_sigma, digits=2)} %",
     }
-
-
-def _with_size_given(result: CalibrationResult, camera_name: str, found: WorkspaceUncertainty) -> str:
-    """1 sigma of the camera as its transform states it, mm, where the target's size makes it another one."""
-    own = next((t for t in result.transforms if t.child == (camera_name or DEFAULT_CAMERA)), None)
-    if own is None or own.covariance is None:
-        return ""
-    stated = float(sigma_mm(own.covariance[3:, 3:]))
-    return plain(stated, digits=2) if found.camera_mm > _OTHER * stated else ""
 
 
 def _row(name: str, place: PlaceUncertainty) -> dict[str, str]:

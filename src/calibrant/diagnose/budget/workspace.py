@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Check, Measured, verdict_of
-from calibrant.diagnose.budget.cell import TARGET_SIGMA, CameraBudget, ErrorBudget, cell_budgets
+from calibrant.diagnose.budget.cell import TARGET, TARGET_SIGMA, CameraBudget, ErrorBudget, cell_budgets
 from calibrant.diagnose.budget.volume import STEPS, Volume, check_request, parse_fraction, parse_volume
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
@@ -56,7 +56,8 @@ class WorkspaceUncertainty:
 
     covariances: by source, (nx, ny, nz, 3, 3) square metres; visible (nx, ny, nz): in the image of the camera where it
     stands (eye-to-hand), or from one of the calibration's poses (eye-in-hand). centre: of the volume's middle.
-    camera_mm, camera_deg: 1 sigma of the camera itself along its worst direction; for eye-in-hand in the gripper.
+    camera_mm, camera_deg: 1 sigma of the camera itself along its worst direction; for eye-in-hand in the gripper;
+    camera_sized_mm: the same, with the target's size taken as given.
     target_sigma: relative RMS error of the target's size that the figures contain. base: the frame of the volume.
     """
 
@@ -67,6 +68,7 @@ class WorkspaceUncertainty:
     centre: PlaceUncertainty
     camera_mm: float
     camera_deg: float
+    camera_sized_mm: float
     camera_parent: str
     target_sigma: float
     notes: tuple[str, ...]
@@ -152,6 +154,7 @@ def _in_volume(own: CameraBudget, volume: Volume, steps: Sequence[int]) -> Works
         _place(volume.centre, {name: C[-1] for name, C in covariances.items()}),
         float(sigma_mm(total[3:, 3:])),
         float(np.rad2deg(1e-3 * sigma_mm(total[:3, :3]))),
+        float(sigma_mm((total - X.get(TARGET, np.zeros((6, 6))))[3:, 3:])),
         budget.setup.camera_parent,
         budget.target_sigma,
         budget.notes,

@@ -17,8 +17,12 @@ import json
 import os
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
 from dataclasses import asdict
 from fnmatch import fnmatch
+from functools import lru_cache
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -36,11 +40,16 @@ HEAD = (
 )
 
 
+@lru_cache
+def conditions() -> tuple[Any, ...]:
+    return (*intrinsics.conditions(), *(c for c in hand_eye.conditions() if c.possible))
+
+
 def named(words: list[str] | None) -> list[Any]:
     """Conditions that a word names, or whose names it is a part of where it names none."""
-    every = [*intrinsics.conditions(), *(c for c in hand_eye.conditions() if c.possible)]
+    every = conditions()
     if not words:
-        return every
+        return list(every)
     chosen: list[Any] = []
     for w in words:
         exact = [c for c in every if w in (c.name, c.name.split("/")[1])]
@@ -74,12 +83,22 @@ def tell(condition: Any, seed: int) -> None:
         print(f"  {words}")
 
 
-def tables(chosen: list[Any], seeds: range) -> Iterator[Figures]:
+def run_named(job: tuple[str, int]) -> Run:
+    """For workers: conditions hold functions, which do not travel."""
+    name, seed = job
+    return run(named([name])[0], seed)
+
+
+def tables(chosen: list[Any], seeds: range, workers: int) -> Iterator[Figures]:
     print(HEAD + "\n" + "|---" * (HEAD.count("|") - 1) + "|")
-    for condition in chosen:
-        f = figures(condition.name, [run(condition, seed) for seed in seeds])
-        print(row(f), flush=True)
-        yield f
+    with ExitStack() as stack:
+        pool = stack.enter_context(ProcessPoolExecutor(workers, get_context("spawn"))) if workers > 1 else None
+        for condition in chosen:
+            jobs = [(condition.name, seed) for seed in seeds]
+            runs = map(run_named, jobs) if pool is None else pool.map(run_named, jobs, chunksize=5)
+            f = figures(condition.name, list(runs))
+            print(row(f), flush=True)
+            yield f
 
 
 def main() -> None:
@@ -87,6 +106,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", help="names of conditions, or parts of names")
     parser.add_argument("--seeds", type=int, default=100, help="runs of each condition")
     parser.add_argument("--first", type=int, default=0, help="the first seed")
+    parser.add_argument("--workers", type=int, default=1, help="processes that share the seeds")
     parser.add_argument("--seed", type=int, help="this seed alone, in words")
     parser.add_argument("--json", type=Path, help="write the figures here")
     parser.add_argument("--list", action="store_true", help="names of the conditions")
@@ -101,7 +121,7 @@ def main() -> None:
             tell(condition, options.seed)
     else:
         run(chosen[0], 0)  # compiled, before any time is taken
-        found = list(tables(chosen, range(options.first, options.first + options.seeds)))
+        found = list(tables(chosen, range(options.first, options.first + options.seeds), options.workers))
         print()
         for f in found:
             if f.silent:

@@ -79,7 +79,9 @@ def ask_board(rows: Rows, scores: ViewScores, *, target: str | None, shaped: boo
     checks += [_squares_check(scores, found.by_name[STRETCH], found.by_name[ASKEW], target)]
     points = board_points(rows, scores, found.real)
     checks += [] if points is None else [_points_check(points, door)]
-    moved = [f.moved for f in found.by_name.values() if f is not None and f.real]
+    moved = [f.moved for f in found.by_name.values() if f is not None and f.held]
+    if radial is not None and radial.held and radial.independent > _LACKED:
+        moved.append(radial.moved)
     if points is not None and points.moved is not None:
         moved.append(points.moved)
     return Asked(tuple(checks), found, tuple(moved))

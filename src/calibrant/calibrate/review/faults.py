@@ -23,6 +23,8 @@ from calibrant.optimize.chances import chi2_tail, f_tail
 
 CHANCE = 1e-3
 """One false finding in a thousand sets whose views err alike; it warns only where it moves the camera as well."""
+HELD = 0.05
+"""From here on what is beyond white noise is no longer taken for the views' scatter alone."""
 MATTERS = 1.0
 """Squared shift of the lens over its sigma, per parameter: from here on a fault takes more than the sigma stated."""
 
@@ -53,6 +55,11 @@ class Fault:
     @property
     def real(self) -> bool:
         return self.chance < CHANCE
+
+    @property
+    def held(self) -> bool:
+        """Whether it may be real, beyond white noise as it is: then sigma holds it without a word."""
+        return self.chance < HELD
 
     @property
     def matters(self) -> bool:

@@ -163,7 +163,7 @@ def test_blank_tiny_and_foreign_input():
 
 def test_scales_start_small_and_end_with_all():
     assert scales(640, 480) == [1, 2, 4]
-    assert scales(1920, 1080) == [3, 1, 6]
+    assert scales(1920, 1080) == [3, 2, 1, 6]
     assert scales(4000, 3000)[0] == 5
     assert 1 in scales(4000, 3000)
 

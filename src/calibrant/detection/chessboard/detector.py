@@ -103,7 +103,8 @@ def scales(width: int, height: int) -> list[int]:
     """Whole factors by which to shrink the image, in the order to try them."""
     longest, shortest = max(width, height), min(width, height)
     first = max(1, -(-longest // FIRST_LONGEST_PX))
-    finer = [first // 2, 1] if first > 3 else [1]
+    # By halves, rounded up: small squares in blur and noise show at one scale and not at the next but one.
+    finer = [-(-first // 2**k) for k in range(1, first.bit_length() + 1)]
     coarser = [f for f in (2 * first, 4 * first) if shortest // f >= LEAST_SHORTEST_PX]
     return list(dict.fromkeys([first, *finer, *coarser]))
 

@@ -106,7 +106,8 @@ def diagnose_views(
     ids = complete[0].ids
     filled = _with_gaps(observations, ids)
     any_case = case_of_views(complete[0].poses, filled, camera, setup="eye-in-hand", camera_given=camera_given)
-    any_case = any_case.with_branches(sides_of(complete, any_case))
+    if any_case.data.doubles is not None:
+        any_case = any_case.with_branches(sides_of(complete, any_case))
     numbered = numbering_of(any_case, complete)
     if numbered is not None:
         any_case = any_case.with_boards(numbered.rows.tolist(), numbered.F)

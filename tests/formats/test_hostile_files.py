@@ -51,6 +51,10 @@ TEXTS = {
     "deep.xml": "<opencv_storage>" + "<a>" * 3000 + "</a>" * 3000 + "</opencv_storage>",
     "field.csv": '"' + "x" * 200_000 + '",1\n',
     "twice.json": '{"fx": 1, "fx": 2}',
+    "keys.yaml": "".join(f"k{i}: 1\n" for i in range(MANY)),
+    "keys.json": json.dumps({f"k{i}": i for i in range(MANY)}),
+    "elements.xml": f"<opencv_storage>{''.join(f'<k{i}>1</k{i}>' for i in range(MANY))}</opencv_storage>",
+    "columns.csv": ",".join(f"c{i}" for i in range(MANY)) + "\n" + ",".join("1" * MANY) + "\n",
     "sexagesimal.yaml": "a: " + "1:" * 5000 + "1\n",
 }
 

@@ -7,6 +7,7 @@ integer of three hundred digits is no number that a computer calculates with. Ne
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -33,8 +34,7 @@ def parse_json(
     def record(pairs: list[tuple[str, Any]]) -> Any:
         out = dict(pairs)
         if len(out) != len(pairs):
-            keys = [key for key, _ in pairs]
-            twice = next(key for key in keys if keys.count(key) > 1)
+            twice = next(key for key, times in Counter(key for key, _ in pairs).items() if times > 1)
             raise InputError(f"the key {twice[:40]!r} stands twice in one object; keep one of them")
         return out if object_hook is None else object_hook(out)
 

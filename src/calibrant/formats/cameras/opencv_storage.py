@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 from xml.etree import ElementTree
@@ -79,8 +80,7 @@ def read_xml(text: str, source: str) -> dict[str, Any]:
     if root.tag != "opencv_storage":
         raise InputError(f"{source}: the XML root is <{root.tag}>, expected <opencv_storage>")
     _check_depth(root, source)
-    tags = [child.tag for child in root]
-    twice = next((tag for tag in tags if tags.count(tag) > 1), None)
+    twice = next((tag for tag, times in Counter(child.tag for child in root).items() if times > 1), None)
     if twice is not None:
         raise InputError(f"{source}: <{twice[:40]}> stands there twice; keep one")
     try:

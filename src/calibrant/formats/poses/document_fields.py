@@ -72,7 +72,7 @@ def pose_fields(entry: Any, where: str, read_reference: Callable[[str], PoseTabl
     stated = NOTHING_STATED
     for key, value in entry.items():
         named, said = _field(str(key), value, where, read_reference)
-        twice = sorted(set(out) & set(named))
+        twice = sorted(name for name in named if name in out)
         if twice:
             raise InputError(f"{where}: {', '.join(twice)} given twice, the second time under {key!r}")
         out |= named

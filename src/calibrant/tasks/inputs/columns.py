@@ -30,7 +30,7 @@ def read_columns(path: Path, columns: Sequence[str]) -> Columns:
         reader.fieldnames = fields
         table = list(reader)
     except csv.Error as error:
-        raise InputError(f"{path}:{reader.line_num}: {error}; expected a CSV file") from None
+        raise InputError(f"{path}:{reader.line_num + 1}: {error}; expected a CSV file") from None
     missing = [c for c in columns if c not in fields]
     if missing:
         raise InputError(f"{path}: no column {missing[0]!r}; expected the header {','.join(columns)}")

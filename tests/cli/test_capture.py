@@ -32,12 +32,12 @@ def test_a_folder_plays_the_camera(
     photos = str(shared_data("opencv_stereo_9x6") / "left*.jpg")
     out, to = tmp_path / "camera.json", tmp_path / "kept"
     words = ["capture", "--camera", photos, "--target", "chessboard:9x6:25mm", "--to", str(to), "--out", str(out)]
-    assert run([*words, "--until", "2px"]) == 0
+    assert run([*words, "--until", "3px"]) == 0
     assert "next: " in "\n".join(heard.notes)
     result = json.loads(out.read_text())
     sigma = result["cameras"]["camera"]["sigma"]
     # It stops as soon as it may, and not before the camera is known as asked.
-    assert max(sigma[name] for name in ("fx", "fy", "cx", "cy")) <= 2.0
+    assert max(sigma[name] for name in ("fx", "fy", "cx", "cy")) <= 3.0
     assert len(list(to.glob("*.png"))) == len(result["views"])
     # Nor while a check of the result would ask for more views.
     asks = next(c["status"] for c in result["checks"] if c["name"] == "views") != "ok"

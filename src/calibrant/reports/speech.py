@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from io import StringIO
-from textwrap import shorten
+from textwrap import shorten, wrap
 
 from calibrant.data import CalibrationResult, Check
 from calibrant.reports.kinds.registry import kind_of
@@ -14,6 +14,8 @@ WIDTH = 80
 """Columns of a summary: what every terminal has."""
 _MOST_WARNINGS = 4
 """Of many warnings the worst are said; the summary has them all."""
+_SENTENCE = 120
+"""Letters of a line of the verdict's sentence."""
 _LINE = 96
 """Letters of a warning: the first words say what it is about."""
 
@@ -21,7 +23,7 @@ _LINE = 96
 def brief(result: CalibrationResult) -> str:
     """What it is, the verdict, the figures that count, and the checks that warn, a line each: some ten lines."""
     known = f" {accuracy(result)}" if result.verdict != "refused" else ""
-    lines = [title(result), f"{verdict_word(result)}.{known}"]
+    lines = [title(result), *wrap(f"{verdict_word(result)}.{known}", _SENTENCE)]
     facts = kind_of(result).headline(result)
     wide = max((len(fact.name) for fact in facts), default=0)
     lines += [f"  {fact.name:<{wide}}  {f'{fact.value} {fact.text}'.strip()}" for fact in facts]

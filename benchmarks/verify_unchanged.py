@@ -79,7 +79,7 @@ def direction_off(compared: Compared, D: Array) -> float:
     return float(np.rad2deg(np.arccos(np.clip(told @ true / np.linalg.norm(told) / np.linalg.norm(true), -1, 1))))
 
 
-def board(seeds: int, robot: tuple[float, float]) -> None:
+def board(seeds: int, robot: tuple[float, float], ways: list[str]) -> None:
     counts: dict[tuple[str, str], list[tuple[bool, bool, bool, bool]]] = defaultdict(list)
     camera = small_camera()
     for seed in range(seeds):
@@ -92,7 +92,7 @@ def board(seeds: int, robot: tuple[float, float]) -> None:
             point_ids=[v.point_ids for v in seen.views], target=BOARD.spec,
         )  # fmt: skip
         sides = {}
-        for setup in ("eye-in-hand", "eye-to-hand"):
+        for setup in (w for w in ways if w != "standing"):
             X, Z = standard_mounting(setup)
             said = noisy_poses(
                 gripper_poses(setup, X, Z, T), sigma_mm=1e3 * robot[0], sigma_deg=np.rad2deg(robot[1]), rng=rng
@@ -100,15 +100,23 @@ def board(seeds: int, robot: tuple[float, float]) -> None:
             poses = RobotPoses.from_matrices(said[:VIEWS], ids=ids[:VIEWS])
             result = cb.calibrate_hand_eye(poses, then, setup=setup)
             sides[setup] = (result, robot_side(result, "camera"), spread_of(result, "camera", result.camera), said)
-        lens: CalibrationResult = cb.calibrate_intrinsics(then)
-        of_lens = spread_of(lens, "camera", lens.camera)
-        stands = seen_now(lens.camera, [photo(camera, T[VIEWS], "then.png", rng)])
+        stands = None
+        if "standing" in ways:
+            lens: CalibrationResult = cb.calibrate_intrinsics(then)
+            of_lens = spread_of(lens, "camera", lens.camera)
+            stands = seen_now(lens.camera, [photo(camera, T[VIEWS], "then.png", rng)])
         for condition in CONDITIONS:
             D = pushed(condition, rng)
-            now = [photo(camera, se3.inverse(D) @ T[VIEWS + k], ids[VIEWS + k], rng) for k in range(3)]
+            now = (
+                []
+                if not sides
+                else [photo(camera, se3.inverse(D) @ T[VIEWS + k], ids[VIEWS + k], rng) for k in range(3)]
+            )
             for setup, (result, side, spread, said) in sides.items():
                 found = on_robot(result.camera, side, seen_now(result.camera, now), said[VIEWS:], spread)
                 counts[setup, condition].append(told(found, D, condition))
+            if stands is None:
+                continue
             still = [photo(camera, se3.inverse(D) @ T[VIEWS], f"{k}.png", rng) for k in range(3)]
             seen_still = seen_now(lens.camera, still)
             compared = standing(
@@ -116,7 +124,10 @@ def board(seeds: int, robot: tuple[float, float]) -> None:
             )
             counts["standing", condition].append(told(compared, D, condition))
         if (seed + 1) % 10 == 0:
-            print(f"{seed + 1} seeds", flush=True)
+            print(
+                f"{seed + 1} seeds: "
+                + ", ".join(f"{w} {c} {sum(r[1] for r in rows)}" for (w, c), rows in counts.items())
+            )
     print("| photos | condition | changed | camera named | first | direction |\n|---|---|---|---|---|---|")
     for (way, condition), rows in counts.items():
         changed, named, first, right = (sum(r[k] for r in rows) for k in range(4))
@@ -177,11 +188,12 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--robot", default="0.05mm,0.01deg")
     parser.add_argument("--only", choices=("board", "picture"))
+    parser.add_argument("--ways", nargs="+", default=["eye-in-hand", "eye-to-hand", "standing"])
     asked = parser.parse_args()
     if asked.only != "board":
         picture(asked.seeds)
     if asked.only != "picture":
-        board(asked.seeds, parse_noise(asked.robot, what="--robot"))
+        board(asked.seeds, parse_noise(asked.robot, what="--robot"), asked.ways)
 
 
 if __name__ == "__main__":

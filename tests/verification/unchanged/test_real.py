@@ -46,6 +46,7 @@ def without(full: CalibrationResult, out: list[str], setup: str, push: np.ndarra
     return on_robot(known.camera, side, seen, poses, spread).decision
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", SETS)
 def test_photos_that_were_kept_out_are_unchanged(name: str, shared_data: Callable[[str], Path]) -> None:
     folder = shared_data(name)

@@ -120,19 +120,19 @@ def _page(look: Look) -> list[Block]:
     blocks: list[Block] = []
     if changes.advice:
         blocks.append(Block("advice", {"advice": changes.advice}))
-    blocks += [Block("shifts", _drawn(p, uri)) for p, uri in zip(changes.photos, _pictures(changes.photos))]
+    blocks += [Block("shifts", _drawn(p, uri)) for p, uri in zip(changes.photos, _pictures(result, changes.photos))]
     blocks += [table.block for table in _tables(result)]
     if result.checks:
         blocks.append(Block("checks", {"checks": list(result.checks)}))
     return blocks
 
 
-def _pictures(photos: tuple[PhotoShift, ...]) -> list[str]:
+def _pictures(result: CalibrationResult, photos: tuple[PhotoShift, ...]) -> list[str]:
     """The photos as data URIs, empty for one that is no longer where it was."""
     from calibrant.reports.parts.pictures import data_uris
 
     files = [(p.id, Path(p.file)) for p in photos if p.file]
-    found, _ = data_uris(files, budget=_PICTURES, mirror_x=False)
+    found, _ = data_uris(files, budget=_PICTURES, mirror_x=bool(result.options.get("mirror_x", False)))
     return [found.get(p.id, "") for p in photos]
 
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from calibrant.cameras import Camera
     from calibrant.data import CalibrationResult, Observations, View
     from calibrant.formats.poses.notations import PoseNotation
+    from calibrant.tasks.options.images import SearchOptions
     from calibrant.tasks.options.poses import PoseOptions
     from calibrant.tasks.options.robots import RobotOptions
     from calibrant.verification.unchanged.compare import Compared, Seen
@@ -40,6 +41,11 @@ class Asked(Protocol):
     @property
     def form(self) -> PoseOptions:
         """How poses are written."""
+        ...
+
+    @property
+    def search(self) -> SearchOptions:
+        """Which photos are searched, and how."""
         ...
 
     @property
@@ -218,7 +224,7 @@ def _view_of_then(compare: Compare, seen: Seen, request: Asked, listener: Listen
     from calibrant.verification.unchanged.compare import seen_now
 
     if request.reference is not None and compare.target is not None:
-        views = _in_reference(request.reference, compare.target, listener)
+        views = _in_reference(request.reference, compare.target, request.search.mirror_x, listener)
     elif compare.kind == "pose" and compare.known.observations is not None:
         used = {v.id for v in compare.known.views if v.used}
         views = [v for v in compare.known.observations.views if v.id in used and len(v) >= 4]
@@ -232,10 +238,10 @@ def _view_of_then(compare: Compare, seen: Seen, request: Asked, listener: Listen
     return then.views[k], then.sigmas[k], then.T_camera_target[k]
 
 
-def _in_reference(photo: Path, target: str, listener: Listener) -> list[View]:
+def _in_reference(photo: Path, target: str, mirror_x: bool, listener: Listener) -> list[View]:
     """The target in the reference photo; none where it does not show it."""
     try:
-        found = session.detect_boards([photo], target, mirror_x=False, workers=1, cache="none", listener=listener)
+        found = session.detect_boards([photo], target, mirror_x=mirror_x, workers=1, cache="none", listener=listener)
     except DetectionError:
         return []
     return [v for v in found.views if len(v) >= 4]

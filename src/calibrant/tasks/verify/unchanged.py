@@ -92,7 +92,7 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     pictures: tuple[PicturePair, ...] = ()
     # A camera on a robot sees another scene from every pose; one that stands sees its own behind what the robot moves.
     if reference is not None and (compared is None or compared.frame != "base"):
-        pictures = _pictures(reference, files, compare, observations, compared is not None, listener)
+        pictures = _pictures(reference, files, request, compare, observations, compared is not None, listener)
     camera = compare.camera
     evidence = Evidence(
         camera=camera,
@@ -164,7 +164,7 @@ def _reference(known: CalibrationResult, request: Request, files: list[Path]) ->
     if request.reference is not None:
         if request.reference.resolve() in {f.resolve() for f in files}:
             raise InputError(f"{request.reference} is the reference and a photo of now: give another photo")
-        return reference_of(request.reference)
+        return reference_of(request.reference, mirror_x=request.search.mirror_x)
     kept = known.detail(ReferencePicture)
     return None if kept is None else kept_reference(kept)
 
@@ -190,6 +190,7 @@ def _check_comparable(compare: Compare, request: Request, has_reference: bool) -
 def _pictures(
     reference: Reference,
     files: list[Path],
+    request: Request,
     compare: Compare,
     observations: Observations | None,
     has_target: bool,
@@ -204,7 +205,7 @@ def _pictures(
     out = []
     with listener.status("Comparing with the reference …"):
         for file in files:
-            now = reference_of(file)
+            now = reference_of(file, mirror_x=request.search.mirror_x)
             without = [outlines[str(file)]] if str(file) in outlines else []
             if compare.then_outline is not None and without:
                 without.append(compare.then_outline)
@@ -228,12 +229,13 @@ def _text(words: str) -> str:
     return words
 
 
-def _asked(request: Request) -> dict[str, str | None]:
+def _asked(request: Request) -> dict[str, str | bool | None]:
     return {
         "result": str(request.result),
         "reference": None if request.reference is None else str(request.reference),
         "tolerance": request.tolerance,
         "camera": request.name,
+        "mirror_x": request.search.mirror_x or None,
     }
 
 
@@ -255,7 +257,7 @@ def _documents(
 ) -> Iterator[Document]:
     yield from _kept(request, known, files)
     if request.overlay is not None:
-        yield Document(request.overlay, partial(_overlay, found, reference, files[0], request.overlay.suffix))
+        yield Document(request.overlay, partial(_overlay, found, reference, files[0], request))
 
 
 def _kept(request: Request, known: CalibrationResult, files: list[Path]) -> Iterator[Document]:
@@ -263,13 +265,16 @@ def _kept(request: Request, known: CalibrationResult, files: list[Path]) -> Iter
     from calibrant.verification.unchanged.pictures import record_of, reference_of
 
     if request.keep_reference is not None:
-        kept = known.with_detail(record_of(reference_of(files[0])))
+        first = reference_of(files[0], mirror_x=request.search.mirror_x)
+        kept = known.with_detail(record_of(first))
         yield result_document(kept, request.keep_reference)
 
 
-def _overlay(found: CalibrationResult, reference: Reference | None, photo: Path, suffix: str) -> bytes:
+def _overlay(found: CalibrationResult, reference: Reference | None, photo: Path, request: Request) -> bytes:
     from calibrant.opencv import cv2
     from calibrant.verification.unchanged.overlay import drawn
     from calibrant.verification.unchanged.pictures import reference_of
 
-    return bytes(cv2.imencode(suffix or ".png", drawn(found, reference, reference_of(photo)))[1])
+    suffix = ".png" if request.overlay is None else request.overlay.suffix or ".png"
+    now = reference_of(photo, mirror_x=request.search.mirror_x)
+    return bytes(cv2.imencode(suffix, drawn(found, reference, now))[1])

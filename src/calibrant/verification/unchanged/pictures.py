@@ -37,9 +37,10 @@ class Reference:
         return min(WIDEST, max(self.grey.shape))
 
 
-def reference_of(path: str | Path) -> Reference:
-    """The reference in a file. Raises: InputError as `load_grey`."""
-    grey = load_grey(path)
+def reference_of(path: str | Path, *, mirror_x: bool = False) -> Reference:
+    """The picture in a file, flipped left to right for a camera that delivers mirror images. Raises: InputError as
+    `load_grey`."""
+    grey = np.ascontiguousarray(load_grey(path)[:, :: -1 if mirror_x else 1])
     return Reference(Path(path).name, grey, (grey.shape[1], grey.shape[0]))
 
 

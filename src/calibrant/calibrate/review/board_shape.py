@@ -107,9 +107,8 @@ def _flatness_check(bend: Fault | None, door: str) -> Check:
     height, sigma = _largest_height(bend)
     size = f"{height:.2g} ± {sigma:.1g} mm"
     if not bend.real:
-        return Check(
-            FLATNESS, "ok", f"the board is flat as far as the views tell ({size} from highest to lowest)", height
-        )
+        message = f"the board is flat as far as the views tell: a bend of {size} is within what they scatter"
+        return Check(FLATNESS, "ok", message, height)
     word = "twisted" if abs(bend.value[1]) > np.abs(bend.value[[0, 2]]).max() else "bent"
     if not bend.matters:
         message = f"the board is {word} by {size}, which the uncertainties hold; {door} paraboloid estimates it"

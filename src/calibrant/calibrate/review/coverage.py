@@ -234,13 +234,17 @@ def _empty_corners(
     if unknown:
         most = max(corner_sigma[name] for name in unknown)
         message = (
-            f"no points in the {_listed(unknown, corners)}, where the lens is known to {100 * most:.2g} % of the focal "
+            f"no points in the {_listed(unknown, corners)}, where the lens is known to {_percent(most)} of the focal "
             "length only (1 sigma): take a view with the board there"
         )
         return Check("corner-coverage", "warn", message, filled)
     known = [corner_sigma[name] for name in empty if np.isfinite(corner_sigma[name])]
-    said = f"; the lens is known there to {100 * max(known):.2g} % of the focal length (1 sigma)" if known else ""
+    said = f"; the lens is known there to {_percent(max(known))} of the focal length (1 sigma)" if known else ""
     return Check("corner-coverage", "ok", f"no points in the {where}{said}", filled)
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %" if share < 0.1 else f"{100 * share:.0f} %"
 
 
 def _listed(names: Sequence[str], corners: int) -> str:

@@ -100,16 +100,22 @@ def estimate_noise(
     lowest = {g: (floors or {}).get(g, 0.0) for g in problem.noise_groups}
     solution = solve(problem, start=start, sigmas=levels, options=options)
     estimate: dict[str, NoiseLevel] = {}
-    settled, rounds = False, 0
+    settled, rounds, share = False, 0, 1.0
+    before: dict[str, float] = {}
     while not settled and rounds < MAX_ROUNDS:
         rounds += 1
         parts = redundancies(solution)
         estimate = _update(parts, levels, lowest)
         change = _scoring_step(solution, parts, estimate)
         settled = all(abs(c) < TOLERANCE for c in change.values())
-        levels = {**levels, **{g: max(levels.get(g, 1.0) * np.exp(c), lowest[g]) for g, c in change.items()}}
+        # Steps that turn back overshoot: a level that is hardly known is curved more than its information says.
+        back = sum(c * before.get(g, 0.0) for g, c in change.items()) < 0
+        share = share / 2 if back else min(1.0, 1.2 * share)
+        before = change
+        moved = {g: max(levels.get(g, 1.0) * np.exp(share * c), lowest[g]) for g, c in change.items()}
+        levels = {**levels, **moved}
         solution = solve_again(solution, levels, options=options)
-    return _with_spread(NoiseEstimate(solution, estimate, rounds, settled))
+    return with_spread(NoiseEstimate(solution, estimate, rounds, settled))
 
 
 def _scoring_step(
@@ -132,7 +138,7 @@ def _scoring_step(
     return {g: float(np.clip(c, -LONGEST_STEP, LONGEST_STEP)) for g, c in zip(moving, step)}
 
 
-def _with_spread(found: NoiseEstimate) -> NoiseEstimate:
+def with_spread(found: NoiseEstimate) -> NoiseEstimate:
     """The estimate with deviations of the levels that know of each other, and covariances averaged over them."""
     groups = [g for g, level in found.levels.items() if level.determined]
     M = found.solution.noise_shares.information(tuple(groups))

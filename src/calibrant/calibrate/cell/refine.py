@@ -16,6 +16,7 @@ from calibrant.calibrate.cell.problem.problem import Cell, cell_problem
 from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.calibrate.reprojection.outliers import mark
 from calibrant.errors import RefusedError
+from calibrant.optimize.level_hold import held_levels
 from calibrant.optimize.levenberg_marquardt import SolverOptions
 from calibrant.optimize.noise import NoiseEstimate, estimate_noise
 from calibrant.optimize.solution import Solution
@@ -50,7 +51,7 @@ def refined(cell: Cell, transforms: Mapping[Frame, Array], spread: tuple[float, 
         if cleaned is cell:
             break
         cell, transforms, sigmas = cleaned, fitted_places(cell, solution), dict(solution.sigmas)
-    return noise, cell
+    return held_levels(noise, options=options), cell
 
 
 def _seen_again(cell: Cell, solution: Solution) -> Cell:

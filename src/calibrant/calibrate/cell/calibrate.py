@@ -43,7 +43,7 @@ from calibrant.calibrate.cell.problem.views import (
 )
 from calibrant.calibrate.cell.refine import refined
 from calibrant.calibrate.cell.result import cell_result
-from calibrant.calibrate.cell.sizes import Sizes, target_sizes, with_size_free
+from calibrant.calibrate.cell.sizes import Sizes, target_sizes, with_lens_free, with_size_free
 from calibrant.calibrate.cell.starts.cell import CellStart, cell_start
 from calibrant.calibrate.review.review import review
 from calibrant.calibrate.solvers.setup import get_setup
@@ -173,7 +173,9 @@ def fit_cell(
         sizes = target_sizes(cell, start.data, noise.solution)
         told = {} if where.rig else sizes.targets  # images alone have no size of their own
         freed = {target: (size, with_size_free(cell, noise.solution, target)) for target, size in told.items()}
-        noise, certainty = certain(cell, noise, freed, accuracies or {})
+        held = [name for name, role in cell.roles.items() if role.exact]
+        lenses = {name: found for name in held if (found := with_lens_free(cell, noise.solution, name)) is not None}
+        noise, certainty = certain(cell, noise, freed, accuracies or {}, lenses)
     return CellFit(noise, cell, start, left_out, numbering, sizes, certainty)
 
 

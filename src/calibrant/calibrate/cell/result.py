@@ -11,7 +11,7 @@ import numpy as np
 
 from calibrant.arrays import Array
 from calibrant.calibrate.cell import checks as questions
-from calibrant.calibrate.cell.certainty.checks import lens_shift_check, shared_errors_check
+from calibrant.calibrate.cell.certainty.checks import given_lens_check, lens_shift_check, shared_errors_check
 from calibrant.calibrate.cell.certainty.whole import Certainty, growth
 from calibrant.calibrate.cell.checks import LoopDeviations
 from calibrant.calibrate.cell.fitted import fitted_cameras, fitted_transforms, said_poses
@@ -212,6 +212,9 @@ def _certainty_checks(cell: Cell, solution: Solution, certainty: Certainty) -> I
     for camera, shift in certainty.lenses.items():
         name = camera if len(cell.roles) > 1 else ""
         yield from (_named(c, name) for c in lens_shift_check(cameras[camera], shift))
+    for camera, doubt in certainty.doubts.items():
+        name = camera if len(cell.roles) > 1 else ""
+        yield from (_named(c, name) for c in given_lens_check(cameras[camera], doubt))
 
 
 def _transforms(cell: Cell, solution: Solution) -> tuple[TransformEstimate, ...]:

@@ -13,12 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibrant.calibrate.cell.fitted import fitted_transforms, mounting, robot_side
+from calibrant.calibrate.cell.certainty.given_lens import freed_role
+from calibrant.calibrate.cell.fitted import fitted_places, fitted_transforms, mounting, robot_side
 from calibrant.calibrate.cell.held_out import CLOSE_ENOUGH, nearest_start
 from calibrant.calibrate.cell.loop.image_poses import ImagePoses, image_poses
 from calibrant.calibrate.cell.loop.noise import LoopNoise
 from calibrant.calibrate.cell.loop.target_size import target_size
-from calibrant.calibrate.cell.problem.groups import scale_variable
+from calibrant.calibrate.cell.problem.groups import lens_variable, scale_variable
 from calibrant.calibrate.cell.problem.problem import Cell, cell_problem
 from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.calibrate.solvers.setup import get_setup
@@ -85,6 +86,18 @@ def with_size_free(cell: Cell, solution: Solution, target: str) -> Solution:
     values = nearest_start(problem, solution)
     equations = problem.linearize(values, solution.sigmas)
     return replace(solution, problem=problem, values=values, equations=equations, around=(), beside=None)
+
+
+def with_lens_free(cell: Cell, solution: Solution, camera: str) -> tuple[Cell, Solution] | None:
+    """The cell and its fit, at its values, with a lens free that was given as exact; None where it has to be held."""
+    role = freed_role(cell.roles[camera].camera)
+    if role is None or lens_variable(camera) not in {v.name for v in solution.problem.variables}:
+        return None
+    freed = replace(cell, roles={**cell.roles, camera: role})
+    problem = cell_problem(freed, fitted_places(cell, solution), solution.sigmas)
+    values = nearest_start(problem, solution)
+    equations = problem.linearize(values, solution.sigmas)
+    return freed, replace(solution, problem=problem, values=values, equations=equations, around=(), beside=None)
 
 
 def _by_all(cell: Cell, solution: Solution, target: str) -> Measured | None:

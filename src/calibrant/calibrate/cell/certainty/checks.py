@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from calibrant.calibrate.cell.certainty.given_lens import LensDoubt
 from calibrant.calibrate.cell.certainty.lens import LensShift
 from calibrant.calibrate.cell.certainty.neighbours import SharedErrors
 from calibrant.cameras import Camera
@@ -42,3 +43,17 @@ def lens_shift_check(camera: Camera, found: LensShift) -> tuple[Check, ...]:
         "(--camera), or find the robot's errors (--identify)"
     )
     return (Check("lens-by-robot", "warn", message, float(np.abs(found.moved[k]) / found.sigma[k])),)
+
+
+def given_lens_check(camera: Camera, found: LensDoubt) -> tuple[Check, ...]:
+    """Is a lens that was given as exact the one that took the pictures?"""
+    if not found.wrong:
+        return ()
+    k = int(np.argmax(np.abs(found.moved / found.sigma)))
+    value = float(camera.values[camera.model.parameter_names.index(found.names[k])])
+    message = (
+        f"robot and pictures contradict the lens that was given: {found.names[k]} is {value:.6g} as given and "
+        f"{value + float(found.moved[k]):.6g} ± {float(found.sigma[k]):.2g} by them; sigma holds the difference. Is it "
+        "this camera's, at this size and focus? Without --camera the photos calibrate it"
+    )
+    return (Check("given-lens", "warn", message, float(np.abs(found.moved[k]) / found.sigma[k])),)

@@ -9,6 +9,7 @@ import numpy as np
 
 from calibrant.arrays import Array
 from calibrant.calibrate.cell.certainty.accuracy import RobotAccuracy, accuracy_shares
+from calibrant.calibrate.cell.certainty.given_lens import LensDoubt, lens_doubt
 from calibrant.calibrate.cell.certainty.lens import LensShift, along_with, lens_shift
 from calibrant.calibrate.cell.certainty.neighbours import SharedErrors, shared_errors
 from calibrant.calibrate.cell.certainty.pose_errors import pose_errors
@@ -28,6 +29,7 @@ class Certainty:
 
     robots: Mapping[str, SharedErrors]
     lenses: Mapping[str, LensShift]
+    doubts: Mapping[str, LensDoubt]
 
 
 def certain(
@@ -35,10 +37,12 @@ def certain(
     noise: NoiseEstimate,
     sizes: Mapping[str, tuple[Measured, Solution]],
     accuracies: Mapping[str, RobotAccuracy],
+    freed: Mapping[str, tuple[Cell, Solution]],
 ) -> tuple[NoiseEstimate, Certainty]:
     """The estimate with its whole covariance, and what was added to it.
 
-    sizes: of targets, by the robots' motion, each with the fit that has it free; accuracies: of robots, where told.
+    sizes: of targets, by the robots' motion, each with the fit that has it free; accuracies: of robots, where told;
+    freed: by camera whose lens was given as exact, the cell and its fit that have it free.
     """
     solution = noise.solution
     there = {v.name for v in solution.problem.variables}
@@ -56,8 +60,14 @@ def certain(
             beside = beside + found.covariance
         if robot in accuracies:
             beside = beside + accuracy_shares(errors, accuracies[robot])
-    for target, (size, freed) in sizes.items():
-        beside = beside + size_shares(solution, freed, scale_variable(target), size)
+    for target, (size, with_size) in sizes.items():
+        beside = beside + size_shares(solution, with_size, scale_variable(target), size)
+    doubts: dict[str, LensDoubt] = {}
+    for name, (other, with_lens) in freed.items():
+        doubt = lens_doubt(other, solution, with_lens, name, sigma_px=noise.levels[pixel_group(name)].sigma)
+        if doubt is not None:
+            doubts[name] = doubt
+            beside = beside + doubt.covariance
     lenses: dict[str, LensShift] = {}
     for name, role in cell.roles.items():
         if lens_variable(name) in there and not role.exact:
@@ -68,7 +78,7 @@ def certain(
             if shift is not None:
                 lenses[name] = shift
                 beside = beside + shift.covariance
-    return replace(noise, solution=replace(solution, beside=beside)), Certainty(robots, lenses)
+    return replace(noise, solution=replace(solution, beside=beside)), Certainty(robots, lenses, doubts)
 
 
 def growth(cell: Cell, solution: Solution) -> float:

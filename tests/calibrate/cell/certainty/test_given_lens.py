@@ -1,0 +1,56 @@
+"""A lens that was given as exact and is not: named, in a cell of one camera or several, and held by sigma."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import calibrant as cb
+from calibrant.cameras import Camera
+from calibrant.geometry import se3
+from calibrant.simulate.cell import Cell, make_cell, observe_cell
+from calibrant.simulate.truth import chi_square
+
+
+@pytest.fixture(scope="module")
+def cell() -> Cell:
+    return make_cell(4, setup="eye-to-hand", views=25)
+
+
+def _lens(cell: Cell, px: float) -> Camera:
+    """The camera without its sigma, its principal point this far off."""
+    values = np.array(cell.camera.values)
+    values[cell.camera.model.parameter_names.index("cy")] += px
+    return Camera(cell.camera.model, cell.camera.image_size, values)
+
+
+def test_a_right_lens_is_not_named_and_costs_little(cell: Cell) -> None:
+    seen = observe_cell(cell, sigma_px=0.1)
+    result = cb.calibrate_hand_eye(cell.robot_poses, seen, setup="eye-to-hand", camera=_lens(cell, 0.0))
+    assert "given-lens" not in {c.name for c in result.checks}
+    camera = result.transforms[0]
+    assert chi_square(se3.local(cell.X, camera.matrix), camera.covariance) < 22.5
+
+
+def test_a_wrong_one_is_named_and_sigma_holds_it(cell: Cell) -> None:
+    seen = observe_cell(cell, sigma_px=0.1)
+    result = cb.calibrate_hand_eye(cell.robot_poses, seen, setup="eye-to-hand", camera=_lens(cell, 8.0))
+    check = result.check("given-lens")
+    assert check.status == "warn"
+    assert "cy is 515.9 as given" in check.message
+    camera = result.transforms[0]
+    assert chi_square(se3.local(cell.X, camera.matrix), camera.covariance) < 22.5
+
+
+def test_of_several_cameras_the_wrong_one_is_named(cell: Cell) -> None:
+    pictures, lenses = [], {}
+    for k, name in enumerate(("left", "right")):
+        seen = observe_cell(replace(cell, seed=cell.seed + k), sigma_px=0.1)
+        pictures.append(cb.Pictures(name, "eye-to-hand", seen.of_camera("camera")))
+        lenses[name] = _lens(cell, 3.0 * k)
+    result = cb.calibrate_cell(cell.robot_poses, pictures, cameras=lenses)
+    # The other one sees the same board on the same robot, and is pulled along.
+    found = {c.name: c.value or 0.0 for c in result.checks if c.name.startswith("given-lens")}
+    assert max(found, key=lambda name: found[name]) == "given-lens-right"

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibrant.arrays import Array
+from calibrant.calibrate.cell.certainty.level_hold import held_levels
 from calibrant.calibrate.cell.consistency import inconsistent_views
 from calibrant.calibrate.cell.fitted import fitted_cameras, fitted_places
 from calibrant.calibrate.cell.problem.groups import geometry_variable, pictures_factor
@@ -16,7 +17,6 @@ from calibrant.calibrate.cell.problem.problem import Cell, cell_problem
 from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.calibrate.reprojection.outliers import mark
 from calibrant.errors import RefusedError
-from calibrant.optimize.level_hold import held_levels
 from calibrant.optimize.levenberg_marquardt import SolverOptions
 from calibrant.optimize.noise import NoiseEstimate, estimate_noise
 from calibrant.optimize.solution import Solution

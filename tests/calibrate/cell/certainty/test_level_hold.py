@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from calibrant.calibrate.cell.calibrate import fit_cell
+from calibrant.calibrate.cell.certainty.level_hold import held_share
 from calibrant.calibrate.cell.problem.groups import robot_groups
 from calibrant.calibrate.cell.problem.layout import ONLY_ROBOT, Pictures
 from calibrant.data import RobotPoses
-from calibrant.optimize.level_hold import held_share
 from calibrant.simulate.cell import make_cell, observe_cell
 from calibrant.simulate.noise import noisy_poses
 

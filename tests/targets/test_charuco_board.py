@@ -89,7 +89,7 @@ def test_artwork_colours_every_square_once(inverted: bool) -> None:
         ("charuco:5x7:40mm:20mm", "needs a size, two lengths and a dictionary"),
         ("charuco:5x7:40mm:20mm:DICT_6X6_250:mirrored", "unknown option 'mirrored'"),
         ("charuco:57:40mm:20mm:DICT_6X6_250", "COLUMNSxROWS"),
-        ("charucco:5x7:40mm:20mm:DICT_6X6_250", "unknown kind of target 'charucco'.*chessboard:COLUMNSxROWS"),
+        ("charucco:5x7:40mm:20mm:DICT_6X6_250", "unknown kind of target 'charucco'.*did you mean charuco:COLUMNSxROWS"),
         ("", "unknown kind of target"),
     ],
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 
 from calibrant.errors import InputError
@@ -75,8 +76,7 @@ def _parse_spec(text: str, *, where: str) -> Target:
     kind, *fields = text.split(":")
     entry = KINDS.get(kind.strip().lower())
     if entry is None:
-        forms = "; ".join(k.syntax for k in KINDS.values())
-        raise InputError(f"{where}unknown kind of target {kind!r} in {text!r}; known forms: {forms}; or a YAML file")
+        raise InputError(f"{where}unknown kind of target {kind!r} in {text!r}; {_kinds_like(kind)}")
     try:
         return entry.parse(fields)
     except InputError as error:
@@ -96,3 +96,12 @@ def _spec_in_yaml(path: Path) -> str:
             "which has `dictionary: NAME` and a list `markers:` or `cubes:`"
         )
     return spec
+
+
+def _kinds_like(kind: str) -> str:
+    """The form of the kind whose name is nearest, or the names of all."""
+    name = kind.strip().lower()
+    near = [k for k in KINDS if name and k.startswith(name)] or get_close_matches(name, KINDS, n=1)
+    if near:
+        return f"did you mean {KINDS[near[0]].syntax}?"
+    return f"known kinds: {', '.join(KINDS)}; or a YAML file. A spec is such as chessboard:9x6:25mm"

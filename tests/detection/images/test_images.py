@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import zlib
 
@@ -319,3 +320,10 @@ def test_bad_files_are_named(tmp_path):
         load_grey(tmp_path / "gone.png")
     with pytest.raises(InputError, match="cannot be read"):
         load_grey(tmp_path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_a_pipe_is_named_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe.png")
+    with pytest.raises(InputError, match=r"pipe\.png is a pipe or a device"):
+        expand(tmp_path / "pipe.png")

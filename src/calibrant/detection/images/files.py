@@ -60,6 +60,11 @@ def _expand_one(path: Path) -> list[Path]:
         from calibrant.detection.images.video import frames
 
         return frames(*video)
+    if path.exists() and not path.is_file():
+        raise InputError(
+            f"image {path} is a pipe or a device, which can be read once, and a picture is read more often: save it "
+            "to a file first"
+        )
     if path.exists() or frame_of(path) is not None:
         return [path]
     if has_magic(str(path)):

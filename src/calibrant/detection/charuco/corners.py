@@ -181,7 +181,8 @@ def _without_strays(corners: Corners, fits: NDArray[np.bool_], target: Charuco) 
     place = target.points[corners.index, :2] / target.square
     measured = corners.subset(fits)
     own = _maps_of(place[fits], measured, target)
-    bent = np.where(own.determined, np.linalg.norm(measured.uv - own.centres, axis=1) / own.square_px, 0.0)
+    off = np.linalg.norm(measured.uv - own.centres, axis=1)
+    bent = np.where(own.determined, off / np.maximum(own.square_px, 1e-9), 0.0)
     maps = _maps_of(place, measured, target)
     distance = np.linalg.norm(place[:, None] - place[fits][None], axis=2)
     nearest = np.argsort(distance, axis=1)[:, :NEAREST]

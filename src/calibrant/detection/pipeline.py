@@ -12,11 +12,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Grey
 from calibrant.cancel import checkpoint
 from calibrant.data import DEFAULT_CAMERA, Missed, Observations, View
 from calibrant.data.file_names import distinct_names
 from calibrant.detection.cache import Cache, key_of
 from calibrant.detection.detection import Detection
+from calibrant.detection.images.faint import flattened
 from calibrant.detection.images.files import expand
 from calibrant.detection.images.header import UPRIGHT, WORDS
 from calibrant.detection.images.images import load_grey, orientation_of
@@ -38,6 +40,7 @@ MOST_TOGETHER, LEAST_TASKS = 8, 30
 least, none waits long for another at the end."""
 MIRRORED_LOOKS = 3
 """Images that are tried in the mirror when none shows the target: a camera mirrors all or none."""
+FAINT_NOTE = "Some images show the target only after their gradient was divided out of their more than 8 bits."
 
 
 @dataclass(frozen=True)
@@ -121,11 +124,11 @@ def detect_file(file: Path, target: Target, mirror_x: bool, refinement: Refineme
         grey = load_grey(file)
     except InputError as error:
         return ImageDetection(file, None, Detection.nothing(str(error)))
-    if mirror_x:
-        grey = np.ascontiguousarray(grey[:, ::-1])
     h, w = grey.shape
     try:
-        detection = detector_for(target.kind, refinement).detect(grey, target)
+        detection = _detect_grey(grey, target, mirror_x, refinement)
+        if not detection.found and detection.looks_like is None:
+            detection = _detect_faint(file, detection, target, mirror_x, refinement)
     except cv2.error as error:
         # What one picture's shape or content is too much for costs that picture, not the others.
         what = str(error.err or error).strip()
@@ -133,6 +136,22 @@ def detect_file(file: Path, target: Target, mirror_x: bool, refinement: Refineme
             f"this image of {w}x{h} cannot be searched: OpenCV says {what!r}; make it smaller"
         )
     return ImageDetection(file, (w, h), detection, orientation_of(file))
+
+
+def _detect_grey(grey: Grey, target: Target, mirror_x: bool, refinement: Refinement) -> Detection:
+    looked_at = np.ascontiguousarray(grey[:, ::-1]) if mirror_x else grey
+    return detector_for(target.kind, refinement).detect(looked_at, target)
+
+
+def _detect_faint(file: Path, nothing: Detection, target: Target, mirror_x: bool, refinement: Refinement) -> Detection:
+    """What more than 8 bits show of a target where 8 bits of grey showed nothing; else that."""
+    for grey in flattened(file):
+        detection = _detect_grey(grey, target, mirror_x, refinement)
+        if detection.found:
+            return replace(detection, notes=(*detection.notes, FAINT_NOTE))
+        if detection.looks_like is not None:
+            return detection
+    return nothing
 
 
 def _detect_files(

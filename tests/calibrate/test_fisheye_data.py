@@ -30,8 +30,10 @@ def load(folder: Path, part: str) -> Observations:
     )
 
 
-OF_THE_PHOTOS = ("residual-structure", "image-coverage", "corner-coverage", "tilt-range", "distance-range")
-"""What is asked of the photos (the corners they leave out, points that err alike), whatever the model."""
+OF_THE_PHOTOS = (
+    "residual-structure", "image-coverage", "corner-coverage", "tilt-range", "distance-range", "board-flatness"
+)  # fmt: skip
+"""What is asked of photos and board (the corners they leave out, points that err alike), whatever the model."""
 
 
 @pytest.fixture(scope="module")

@@ -249,7 +249,8 @@ def _intrinsics_result(
     checks = (
         *intrinsics_checks(camera, solution, view_results, rms_px, marked),
         shared_errors_check(shared),
-        linearity_check(camera, fit.stacked, solution.value("T_camera_target"), sigma_px),
+        # Where points err alike it takes that much more noise to move the camera as far.
+        linearity_check(camera, fit.stacked, solution.value("T_camera_target"), sigma_px * shared.times),
         *fit.checks,
         *model_check(camera, fit.stacked, rms_px),
     )

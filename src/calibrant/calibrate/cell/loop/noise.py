@@ -70,8 +70,15 @@ class LoopNoise:
 
     @property
     def size(self) -> Measured:
-        """The target's scale."""
-        return Measured(self.scale, float(np.sqrt(self.covariance[-1, -1])))
+        """The target's scale, sigma with what the noise of the target poses takes from it.
+
+        The fit multiplies their noise by the scale, which makes it smaller than it is: by the other regression, of the
+        robot's motion on theirs, it is larger by n sigma^2 / scale, n numbers of position. The truth lies between.
+        """
+        sigma = float(np.sqrt(self.covariance[-1, -1]))
+        if not self.scale > 0:
+            return Measured(self.scale, sigma)
+        return Measured(self.scale, float(np.hypot(sigma, 3 * self.used.sum() * sigma**2 / self.scale)))
 
     @property
     def rms(self) -> tuple[float, float]:

@@ -317,8 +317,10 @@ def own_of_views(scores: ViewScores, *names: str) -> OwnOfViews:
     own, across = gram[:, E[:, None], E], gram[:, E[:, None], L]
     s = gram[:, E, -1] - across @ beta
     d = np.einsum("nii->ni", own)
-    scale = 1 / np.sqrt(np.maximum(d, np.finfo(float).eps * d.max(axis=0)))
-    # A board seen face on says nothing of the scale: that direction is 0 over 0 and must count for nothing.
+    # A board seen face on says nothing of the scale, no board anything of a lens whose rays meet nowhere: such a
+    # direction is 0 over 0, or rounding, and must count for nothing.
+    told = d > np.finfo(float).eps * d.max(axis=0)
+    scale = np.where(told, 1 / np.sqrt(np.where(told, d, 1.0)), 0.0)
     turned = np.linalg.inv(own * scale[:, :, None] * scale[:, None, :] + _SINGULAR * np.eye(len(E)))
     turned *= scale[:, :, None] * scale[:, None, :]
     squares = np.einsum("ni,nij,nj->n", s, turned, s) / scores.sigma_px**2

@@ -29,8 +29,8 @@ from calibrant.optimize.chances import chi2_tail
 from calibrant.optimize.solution import Solution
 from calibrant.optimize.structure import SHARED
 
-ODDS = 2.0
-"""Two of three lenses that are given as exact are off by as much as a cell can see: nobody's is exact."""
+ODDS = 1.0
+"""Of two lenses that are given as exact, one is off by as much as a cell can see: nobody's is exact."""
 SPREAD = 4.0
 """Multiples of what the cell tells of the lens: where it tells, doubts are beyond it."""
 MAIN = ("fx", "fy", "cx", "cy")

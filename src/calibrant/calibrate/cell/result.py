@@ -12,13 +12,14 @@ import numpy as np
 from calibrant.arrays import Array
 from calibrant.calibrate.cell import checks as questions
 from calibrant.calibrate.cell.certainty.checks import given_lens_check, lens_shift_check, shared_errors_check
+from calibrant.calibrate.cell.certainty.lens import along_with
 from calibrant.calibrate.cell.certainty.whole import Certainty, growth
 from calibrant.calibrate.cell.checks import LoopDeviations
 from calibrant.calibrate.cell.fitted import fitted_cameras, fitted_transforms, said_poses
 from calibrant.calibrate.cell.held_out import leave_out, loop_deviations, loop_of_list
 from calibrant.calibrate.cell.methods import methods_table
 from calibrant.calibrate.cell.noise_figures import noise_by_name, pooled, robot_parameters, sigma_px, sigma_robot
-from calibrant.calibrate.cell.problem.groups import geometry_variable, pictures_factor, pixel_group
+from calibrant.calibrate.cell.problem.groups import geometry_variable, lens_variable, pictures_factor, pixel_group
 from calibrant.calibrate.cell.problem.layout import Frame, Layout, variable
 from calibrant.calibrate.cell.problem.problem import Cell
 from calibrant.calibrate.cell.sizes import Sizes
@@ -85,6 +86,33 @@ def cell_result(
     )
 
 
+def along_with_lenses(
+    reviewed: CalibrationResult, found: CalibrationResult, cell: Cell, solution: Solution
+) -> CalibrationResult:
+    """The reviewed result, whose transforms hold what the review added to the lenses that they rest on.
+
+    An error of the lens moves all else along, as the fit has it: C + K (C_reviewed - C_found) K^T, K = C_xl C_ll^-1.
+    found: the result of the solution, before its review.
+    """
+    beside: Array = np.zeros_like(solution.shared_covariance)
+    for name, camera in reviewed.cameras.items():
+        before = found.cameras[name].covariance
+        if camera.covariance is not None and before is not None and camera.covariance is not before:
+            beside = beside + along_with(solution, lens_variable(name), camera.covariance - before)
+    if not np.any(beside):
+        return reviewed
+    held = replace(solution, beside=beside if solution.beside is None else solution.beside + beside)
+    transforms = _transforms(cell, held)
+    said = {c.name: c for c in _position_checks(cell, transforms)}
+    return replace(
+        reviewed,
+        cameras=fitted_cameras(cell, held),
+        transforms=transforms,
+        joint_covariance=_covariance_of_all(cell, held),
+        checks=tuple(said.get(c.name, c) for c in reviewed.checks),
+    )
+
+
 def _asked(cell: Cell, asked: Mapping[str, Any]) -> dict[str, Any]:
     """What was asked; the setup of a single list in a word, else by camera; a rig has but one."""
     pictures = cell.layout.pictures
@@ -114,9 +142,8 @@ def _checks(
     numbering: Sequence[Check],
 ) -> tuple[Check, ...]:
     """Everything that is asked of the result; questions to a list carry its name where there are several."""
-    layout, solution = cell.layout, noise.solution
+    solution = noise.solution
     loop = loop_deviations(cell, solution.value, [d.use for d in cell.data])
-    cameras = [t for t in transforms if t.child in layout.cameras and (t.parent, t.child) in layout.unknown]
     several = len(cell.roles) > 1
     return (
         *_start_checks(cell, start, numbering),
@@ -128,7 +155,7 @@ def _checks(
         *_size_checks(cell, sizes, loop),
         *_image_checks(cell, noise, sizes),
         *_certainty_checks(cell, solution, certainty),
-        *(_named(questions.certainty_check(t), t.child if len(cameras) > 1 else "") for t in cameras),
+        *_position_checks(cell, transforms),
         *(_joints(cell, solution, robot) for robot in cell.free),
         questions.convergence_check(solution, noise.settled, noise.rounds),
     )
@@ -215,6 +242,13 @@ def _certainty_checks(cell: Cell, solution: Solution, certainty: Certainty) -> I
     for camera, doubt in certainty.doubts.items():
         name = camera if len(cell.roles) > 1 else ""
         yield from (_named(c, name) for c in given_lens_check(cameras[camera], doubt))
+
+
+def _position_checks(cell: Cell, transforms: Sequence[TransformEstimate]) -> Iterable[Check]:
+    """How certain each camera's position is."""
+    layout = cell.layout
+    cameras = [t for t in transforms if t.child in layout.cameras and (t.parent, t.child) in layout.unknown]
+    yield from (_named(questions.certainty_check(t), t.child if len(cameras) > 1 else "") for t in cameras)
 
 
 def _transforms(cell: Cell, solution: Solution) -> tuple[TransformEstimate, ...]:

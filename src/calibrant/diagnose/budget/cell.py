@@ -17,8 +17,14 @@ own transform, its target's and its lens, with what it owes to other cameras alr
 
 All that holds for the noise levels found, and for errors as independent as they are taken. What the calibration's
 covariance has more, because levels are estimates (`optimize.level_spread`) and neighbouring poses err alike
-(`cell.certainty`), stands by itself: Cov(X, Z) as stated, less all of the above, as far as it is above 0. A size that
-the motion contradicts is in what is stated, and not counted twice.
+(`cell.certainty`), stands by itself: S, Cov(X, Z) as stated, less all of the above, K. Along directions where K is
+above S, the lens owes its error to what moves the transforms too (shared errors, a size), and follows them less than it
+would by G: there the transforms' part of all sources is scaled to S. With M for that,
+
+    S = M K M^T + rest,     M = R min(1, L^-1/2) R^-1,     S = R R^T,     K = R L R^T,
+
+so that the sources sum to what the calibration states. The size of a target is in S as far as the motion contradicts it
+(`cell.certainty.size`); the rest of its share stands on top of S.
 """
 
 from __future__ import annotations
@@ -32,6 +38,7 @@ from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import splu
 
 from calibrant.arrays import Array
+from calibrant.calibrate.cell.certainty.size import size_doubt
 from calibrant.calibrate.cell.problem.groups import (
     PIXEL,
     TARGET_ROTATION,
@@ -288,7 +295,11 @@ def _camera_budget(
         result.transform(*on).matrix,
         None if role is None else role.camera,
         again.noise_of(p) if role is not None else None,
-        _with_rest(_stated(result, at, on), {name: C[np.ix_(mine, mine)] for name, C in sources.items()}),
+        _with_rest(
+            _stated(result, at, on),
+            {name: C[np.ix_(mine, mine)] for name, C in sources.items()},
+            size_in_stated=_size_in_stated(result, size),
+        ),
         size,
         _notes(again.cell, p.camera),
     )
@@ -317,15 +328,30 @@ def _stated(result: CalibrationResult, *frames: Frame) -> Array | None:
     return np.asarray(joint.matrix)[np.ix_(rows, rows)]
 
 
-def _with_rest(stated: Array | None, sources: dict[str, Array]) -> dict[str, Array]:
-    """The sources with what the result's covariance has more; as they are where the result states nothing."""
+def _size_in_stated(result: CalibrationResult, sigma: float) -> float:
+    """How much of the variance sigma^2 of the target's size the result's covariance holds."""
+    if result.target_scale is None or sigma == 0.0:
+        return 0.0
+    return min(1.0, size_doubt(result.target_scale) / sigma**2)
+
+
+def _with_rest(stated: Array | None, sources: dict[str, Array], *, size_in_stated: float) -> dict[str, Array]:
+    """The sources summing to what the result states, with what it has more; as they are where it states nothing."""
     if stated is None:
         return sources
-    known = np.sum(list(sources.values()), axis=0)
+    held = {**sources, TARGET: size_in_stated * sources[TARGET]}
+    beyond = sources[TARGET] - held[TARGET]
+    K = np.sum(list(held.values()), axis=0)[:12, :12]
     scale = np.sqrt(np.diag(stated))
     scale = np.where(scale > 0, scale, 1.0)
-    values, axes = np.linalg.eigh((stated - known[:12, :12]) / scale[:, None] / scale)
-    # An inverse is convex: less than 0 is rounding, or the weights of points that were left out.
-    rest = np.zeros_like(known)
-    rest[:12, :12] = (axes * np.maximum(values, 0.0)) @ axes.T * scale[:, None] * scale
-    return {**sources, LEVELS: rest}
+    values, axes = np.linalg.eigh(stated / scale[:, None] / scale)
+    root = scale[:, None] * axes * np.sqrt(np.maximum(values, max(float(values[-1]) * 1e-12, np.finfo(float).tiny)))
+    back = np.linalg.inv(root)
+    ratios, turned = np.linalg.eigh(back @ K @ back.T)
+    root, back = root @ turned, turned.T @ back
+    M = np.eye(len(beyond))
+    M[:12, :12] = (root / np.sqrt(np.maximum(ratios, 1.0))) @ back
+    rest = np.zeros_like(beyond)
+    rest[:12, :12] = (root * np.maximum(1 - ratios, 0.0)) @ root.T
+    out = {name: M @ C @ M.T for name, C in held.items()}
+    return {**out, TARGET: out[TARGET] + beyond, LEVELS: rest}

@@ -143,6 +143,32 @@ def test_another_size_is_named() -> None:
     assert found.looks_like == "8x6 circles"
 
 
+@pytest.mark.parametrize(
+    ("shown", "asked"),
+    [
+        (Circles(4, 11, 0.02, asymmetric=True), Circles(4, 11, 0.02)),
+        (Circles(4, 11, 0.02, asymmetric=True), Circles(11, 4, 0.02)),
+        (Circles(5, 8, 0.02, asymmetric=True), Circles(5, 8, 0.02)),
+        (Circles(4, 11, 0.02, asymmetric=True), Circles(5, 9, 0.02, asymmetric=True)),
+        (Circles(9, 6, 0.02), Circles(9, 6, 0.02, asymmetric=True)),
+    ],
+    ids=lambda target: target.spec,
+)
+@pytest.mark.parametrize("turn_deg", [0, 200])
+def test_shifted_rows_are_told_from_straight_ones(shown: Circles, asked: Circles, turn_deg: float) -> None:
+    image, _ = photograph(shown, tilt_deg=turn_deg / 8, turn_deg=turn_deg)
+    found = CirclesDetector().detect(image, asked)
+    assert found.looks_like == shown.spec
+    assert found.another
+    assert f"looks like {shown.spec}" in (found.reason or "")
+
+
+def test_light_dots_in_shifted_rows_are_named_as_such() -> None:
+    shown = Circles(4, 11, 0.02, asymmetric=True, inverted=True)
+    image, _ = photograph(shown)
+    assert CirclesDetector().detect(image, Circles(4, 11, 0.02)).looks_like == shown.spec
+
+
 def test_a_negative_is_found_out() -> None:
     image, truth = photograph(Circles(7, 5, 0.02, inverted=True))
     found = CirclesDetector().detect(image, Circles(7, 5, 0.02))

@@ -16,6 +16,7 @@ from calibrant.arrays import Array, Grey
 from calibrant.detection.circles.centres import true_centres
 from calibrant.detection.circles.ellipse import refine_spots
 from calibrant.detection.circles.lattice import Lattice, grow_lattices
+from calibrant.detection.circles.layouts import Layout, is_other_kind, layouts_of, why_not_found
 from calibrant.detection.circles.placement import Placement, least_dots, place
 from calibrant.detection.circles.spots import Spots, find_spots
 from calibrant.detection.detection import Detection
@@ -39,8 +40,6 @@ CENTRE_SIGMA_PX = 0.1
 """What fitted centres are trusted when they predict each other."""
 AGREEMENT_STEPS = 0.08
 """A dot lies where those around it predict, in steps: a lens bends a grid by a hundredth between neighbours."""
-LEAST_LOOK = 12
-"""Dots that a grid of another size needs to be called one in a message: 4x3."""
 ENOUGH = 0.8
 """Of the dots: with as many, other windows are not tried. Pieces that fit elsewhere, too, are smaller."""
 SAME_DOT_PX = 3.0
@@ -59,7 +58,7 @@ class CirclesDetector:
         """
         if not isinstance(target, Circles):
             raise InputError(f"the detector of circles was given a target of kind {target.kind!r}")
-        seen: list[tuple[int, int]] = []
+        seen: list[Layout] = []
         for negative in (target.inverted, not target.inverted):
             picture = np.asarray(255 - grey, np.uint8) if negative else grey
             # A wrong colour in the spec is looked for with the likeliest windows alone.
@@ -74,9 +73,12 @@ class CirclesDetector:
                 # Dots that are too small for one scale may show at the next.
                 if best is not None and len(best.uv) == len(target.points):
                     break
+                # What fills a layout of the other kind is not looked for at full size, by every window, and negative.
+                if best is None and is_other_kind(seen, target):
+                    return why_not_found(seen, target)
             if best is not None:
                 return _with_notes(best, target, negative=negative)
-        return _not_found(seen, target)
+        return why_not_found(seen, target)
 
 
 def _at_scale(
@@ -84,13 +86,13 @@ def _at_scale(
     target: Circles,
     factor: int,
     windows: tuple[float, ...],
-    seen: list[tuple[int, int]],
+    seen: list[Layout],
     *,
     darkness: float,
 ) -> Detection | None:
     """Dots found in the picture made smaller by `factor`, by windows of one size after the other.
 
-    Args: seen: gets columns and rows of other grids; darkness: grey value where no light falls.
+    Args: seen: gets the layouts of other grids; darkness: grey value where no light falls.
     """
     level = np.ascontiguousarray(shrink(picture, factor))
     found: list[Detection] = []
@@ -102,7 +104,7 @@ def _at_scale(
             placement = place(target, lattice, uv, (picture.shape[1], picture.shape[0]))
             if isinstance(placement, str):
                 unclear.append(uv)
-                seen += _sizes(lattice, target)
+                seen += layouts_of(lattice, inverted=darkness > 0)
                 continue
             detection = _measured(picture, target, spots, lattice, placement, darkness=darkness)
             if not detection.found:
@@ -139,14 +141,6 @@ def _contradicts(detection: Detection, other: Detection) -> bool:
     same = np.asarray(away) < SAME_DOT_PX
     alike = detection.point_ids[np.asarray(nearest)[same]] == other.point_ids[same]
     return bool(2 * len(other.uv) >= len(detection.uv) and np.count_nonzero(~alike) > 0.5 * len(other.uv))
-
-
-def _sizes(lattice: Lattice, target: Circles) -> list[tuple[int, int]]:
-    """Columns and rows of a lattice that is full enough to be called a grid."""
-    if target.asymmetric or len(lattice) < LEAST_LOOK:
-        return []
-    columns, rows = (int(n) + 1 for n in np.ptp(lattice.cells, axis=0))
-    return [(columns, rows)] if len(lattice) >= 0.9 * columns * rows and min(columns, rows) > 2 else []
 
 
 def _measured(
@@ -200,20 +194,3 @@ def _with_notes(detection: Detection, target: Circles, *, negative: bool) -> Det
             "or use one with a big dot, or an asymmetric one of odd rows."
         )
     return replace(detection, notes=tuple(notes))
-
-
-def _not_found(seen: list[tuple[int, int]], target: Circles) -> Detection:
-    asked = f"{target.columns}x{target.rows}"
-    if not seen:
-        return Detection.nothing(f"no grid of {asked} circles was found")
-    columns, rows = max(seen, key=lambda s: s[0] * s[1])
-    if (rows > columns) != (target.rows > target.columns):
-        rows, columns = columns, rows
-    if (columns, rows) == (target.columns, target.rows):
-        return Detection.nothing(
-            "a grid of circles was seen, but which dot is which cannot be told: show its origin, or all of its sides"
-        )
-    size = f"{columns}x{rows} circles"
-    # Fewer dots each way may be a part of the grid, whose others are hidden.
-    another = columns > target.columns or rows > target.rows
-    return Detection.nothing(f"the image looks like {size}, you asked for {asked}", looks_like=size, another=another)

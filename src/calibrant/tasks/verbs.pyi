@@ -49,6 +49,7 @@ def detect(
     window: str | None = None,
     zero_zone: str | None = None,
     overlays: str | Path | None = None,
+    stages: str | Path | None = None,
     force: bool = False,
 ) -> CalibrationResult: ...
 def intrinsics(

@@ -34,7 +34,7 @@ def draw(image: NDArray, view: View) -> NDArray[np.uint8]:
         if end is not None:
             _arrow(canvas, uv[0], uv[end], colour, name, unit)
     for index in {0, len(uv) - 1}:
-        _write_label(canvas, str(int(view.point_ids[order][index])), uv[index], (255, 255, 255), unit)
+        write_label(canvas, str(int(view.point_ids[order][index])), uv[index], (255, 255, 255), unit)
     return canvas
 
 
@@ -55,10 +55,11 @@ def _arrow(canvas: NDArray, start: NDArray, end: NDArray, colour: tuple[int, int
     first, last = (tuple(int(v) for v in np.rint(p)) for p in (start, end))
     tip = 12 * unit / max(float(np.linalg.norm(end - start)), 1.0)
     cv2.arrowedLine(canvas, first, last, colour, max(2, round(2 * unit)), cv2.LINE_AA, tipLength=min(tip, 0.3))
-    _write_label(canvas, name, end, colour, unit)
+    write_label(canvas, name, end, colour, unit)
 
 
-def _write_label(canvas: NDArray, text: str, at: NDArray, colour: tuple[int, int, int], unit: float) -> None:
+def write_label(canvas: NDArray, text: str, at: NDArray, colour: tuple[int, int, int], unit: float) -> None:
+    """Text beside a pixel, drawn into a BGR canvas. Args: unit: as many pixels as one of a picture 1000 wide."""
     corner = (int(at[0] + 6 * unit), int(at[1] - 6 * unit))
     size = 0.55 * unit
     # A dark outline keeps the text readable on white squares.

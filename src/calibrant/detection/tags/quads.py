@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibrant.arrays import Array, Grey
 from calibrant.compiled import compiled, compiled_part
@@ -52,11 +53,18 @@ def find_quads(level: Grey, *, window_px: int = WINDOW_PX, contrast: int = CONTR
     Args: part: where between the darkest and the brightest of its surroundings a pixel ceases to be dark. Below the
     middle, dark regions that touch at a corner come apart in a blurred picture too, and all outlines shrink a little.
     """
+    return _quads(_around_crossings(dark_regions(level, window_px=window_px, contrast=contrast, part=part)))
+
+
+def dark_regions(
+    level: Grey, *, window_px: int = WINDOW_PX, contrast: int = CONTRAST, part: float = MIDDLE
+) -> NDArray[np.uint8]:
+    """1 where a grey picture (h, w) is dark among its surroundings, (h + 2, w + 2): with a border of one pixel."""
     kernel = np.ones((window_px, window_px), np.uint8)
     low, high = cv2.erode(level, kernel), cv2.dilate(level, kernel)
     dark = np.zeros((level.shape[0] + 2, level.shape[1] + 2), np.uint8)
     _threshold(np.ascontiguousarray(level), low, high, contrast, np.float32(part), dark)
-    return _quads(_around_crossings(dark))
+    return dark
 
 
 @compiled("void(uint8[:, ::1], uint8[:, ::1], uint8[:, ::1], int64, float32, uint8[:, ::1])")

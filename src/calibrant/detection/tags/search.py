@@ -53,13 +53,19 @@ def efforts(shape: tuple[int, ...], coarse_side_px: int, ink: Ink = "dark", *, p
 
 def find_quads_at(grey: Grey, effort: Effort) -> np.ndarray:
     """Quadrilaterals (n, 4, 2), px of the full picture."""
+    level = level_of(grey, effort)
+    # Pixel (0, 0) is the centre of the top left pixel at either size.
+    return effort.factor * (find_quads(level, contrast=effort.contrast, part=effort.part) + 0.5) - 0.5
+
+
+def level_of(grey: Grey, effort: Effort) -> Grey:
+    """The picture that is searched: smaller or smoothed, ink dark."""
     level = shrink(grey, effort.factor)
     if effort.factor == 1:
         level = np.asarray(cv2.blur(level, (SMOOTH_PX, SMOOTH_PX)), np.uint8)
     if effort.ink == "light":
         level = np.asarray(cv2.bitwise_not(level), np.uint8)
-    # Pixel (0, 0) is the centre of the top left pixel at either size.
-    return effort.factor * (find_quads(level, contrast=effort.contrast, part=effort.part) + 0.5) - 0.5
+    return level
 
 
 def find_markers(grey: Grey, name: str, effort: Effort, *, border: int = 1) -> Markers:

@@ -17,6 +17,9 @@ from calibrant.tasks.options.option import Option
 from calibrant.tasks.outcome import Document, Outcome
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from calibrant.data import CalibrationResult, Observations, View
 
 EXAMPLE = 'cb.detect("photos/*.jpg", target="chessboard:9x6:25mm")'
@@ -36,6 +39,9 @@ class Request:
     corners: CornerOptions = CornerOptions()
     overlays: Annotated[Path | None, Option("DIR", output="folder")] = None
     """Draw what was found over each photo, into this folder."""
+    stages: Annotated[Path | None, Option("DIR", output="folder")] = None
+    """Draw how the markers of each photo were looked for, found or not, into this folder: 1-grey, 2-threshold, 3-quads,
+    4-decoded, 5-corners."""
 
 
 def reads(request: Request) -> list[Path]:
@@ -49,10 +55,12 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     from calibrant.reports.detections import table
 
     source = _source(request, listener)
+    if request.stages is not None and request.photos.target is not None:
+        _expect_markers(request.photos.target)
     files = source.files()
     found = source.read(files)
     result = _observations_result(found, source.inputs(files), mirror_x=request.search.mirror_x)
-    return Outcome(result=result, documents=_pictures(found, request), summary=partial(table, found))
+    return Outcome(result=result, documents=_documents(found, request), summary=partial(table, found))
 
 
 def _source(request: Request, listener: Listener) -> Source:
@@ -69,6 +77,49 @@ def _observations_result(found: Observations, inputs: list[Path], *, mirror_x: b
     records = session.file_records(inputs)
     result = CalibrationResult("observations", "ok", views=views, options=options, inputs=records, observations=found)
     return stamp(session.with_misses(result))
+
+
+def _expect_markers(spec: str) -> None:
+    """Raises: InputError for a board without markers, before anything is looked at."""
+    from calibrant.detection.tags.stages import with_markers
+    from calibrant.targets.registry import parse_target
+
+    with_markers(parse_target(spec))
+
+
+def _documents(found: Observations, request: Request) -> Iterator[Document]:
+    yield from _pictures(found, request)
+    if request.stages is not None:
+        yield from _stages(found, request, request.stages)
+
+
+def _stages(found: Observations, request: Request, folder: Path) -> Iterator[Document]:
+    """Five pictures of each photo that could be read."""
+    from calibrant.detection.images.images import load_grey
+    from calibrant.detection.tags.stages import NAMES, stages
+    from calibrant.errors import InputError
+    from calibrant.targets.registry import parse_target
+
+    target = parse_target(request.photos.target or "")
+    views = {v.id: v for v in found.views}
+    files = {v.id: v.file or v.id for v in found.views} | {m.id: m.file or m.id for m in found.missed}
+    names = picture_names(files)
+    for name, file in files.items():
+        try:
+            grey = load_grey(file)
+        except InputError:
+            continue  # the table says why it cannot be read
+        if request.search.mirror_x:
+            grey = grey[:, ::-1].copy()
+        start = names[name].removesuffix("-seen.png")
+        for stage, picture in zip(NAMES, stages(grey, target, views.get(name)), strict=True):
+            yield Document(folder / f"{start}-stage-{stage}.png", partial(_png, picture))
+
+
+def _png(picture: NDArray[np.uint8]) -> bytes:
+    from calibrant.opencv import cv2
+
+    return bytes(cv2.imencode(".png", picture)[1])
 
 
 def _pictures(found: Observations, request: Request) -> Iterator[Document]:

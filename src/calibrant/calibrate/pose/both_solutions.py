@@ -215,7 +215,8 @@ def _solution(camera: Camera, view: View, T: Array, sigma: Array) -> _Fitted:
         D = -of_noise @ np.sum(np.swapaxes(J, -1, -2) @ (weight * J_camera), axis=0)
         of_camera = D @ camera.covariance @ D.T
     squares = np.sum((uv - view.uv) ** 2, axis=1)
-    shared = with_shared_errors(of_noise, J / sigma[:, None, None], (uv - view.uv) / sigma[:, None], view.points)
+    whitened, residuals = J / sigma[:, None, None], (uv - view.uv) / sigma[:, None]
+    shared = with_shared_errors(of_noise, whitened, residuals, view.points, of_camera=of_camera)
     total = shared if of_camera is None else shared + of_camera
     times = float(np.sqrt(np.mean(np.diag(shared) / np.diag(of_noise))))
     pose = PoseSolution(T, total, of_camera, float(np.sqrt(squares.mean())), 1.0, times)

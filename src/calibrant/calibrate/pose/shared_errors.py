@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibrant.arrays import Array, Indices
-from calibrant.optimize.clusters import cluster_scores, clustered_covariance, square_root
+from calibrant.optimize.clusters import cluster_scores, square_root
 
 PATCHES = 3
 """Patches along each axis of the target: nine have the degrees of freedom for six unknowns, and points each."""
@@ -17,18 +17,23 @@ LEAST_POINTS = 2 * PATCHES**2
 """With fewer than two points a patch there is nothing that they could share."""
 
 
-def with_shared_errors(of_noise: Array, J: Array, residuals: Array, points: Array) -> Array:
-    """The covariance (6, 6) of a pose with what the points of a patch share.
+def with_shared_errors(
+    of_noise: Array, J: Array, residuals: Array, points: Array, *, of_camera: Array | None = None
+) -> Array:
+    """The covariance (6, 6) of a pose with what the points of a patch share, beside what the camera makes them share.
 
     Args: of_noise (6, 6), of independent points; J (n, 2, 6) and residuals (n, 2), over the points' sigma; points
-    (n, 3), target frame.
+    (n, 3), target frame; of_camera (6, 6), the pose's own share of the camera's uncertainty, which is added elsewhere.
     """
     if len(points) < LEAST_POINTS:
         return of_noise
     root, inverse = square_root(of_noise)
     rows = np.ascontiguousarray(J @ (inverse @ of_noise).T)
     clusters = cluster_scores(rows, np.ascontiguousarray(residuals), _patches(points), root=root)
-    return clustered_covariance(of_noise, [clusters])
+    known = 0.0 if of_camera is None else inverse @ of_camera @ inverse.T
+    values, axes = np.linalg.eigh(clusters.shared - known)
+    beside = root @ axes
+    return np.asarray(of_noise + (beside * np.maximum(values, 0.0)) @ beside.T)
 
 
 def _patches(points: Array) -> Indices:

@@ -28,6 +28,8 @@ from calibrant.detection.subpixel.noise import noise_variance, raster_variance
 from calibrant.detection.subpixel.saddle import Refined, Zone, zone_of
 
 MOST_STEPS = 30
+FULL_STEPS = 15
+"""A corner that is nearer to where it belongs with every step is there long before."""
 SMALL_STEP_PX = 1e-3
 """A tenth of the best standard deviation there is."""
 LEAST_HALF_PX = 2.0
@@ -49,6 +51,14 @@ def refine(grey: Grey, uv: Array, half_px: Array, *, zero_zone_px: Zone = 0.0) -
     )
 
 
+@compiled_part("float64(float64, float64, float64[::1])")
+def _beyond(dx, dy, zero):  # type: ignore[no-untyped-def]
+    """Share of a pixel that lies beyond the zero zone, 0 to 1: at a hard edge corners jump with the raster."""
+    if zero[0] <= 0.0 and zero[1] <= 0.0:
+        return 1.0
+    return min(1.0, max(0.0, abs(dx) - zero[0] + 0.5, abs(dy) - zero[1] + 0.5))
+
+
 @compiled_part("void(uint8[:, ::1], float64, float64, float64, float64[::1], float64[::1])")
 def _equations(grey, x, y, half, zero, sums):  # type: ignore[no-untyped-def]
     """Fills sums (6,): N_xx, N_xy, N_yy, N (p - start) as two, and the number of pixels."""
@@ -58,9 +68,10 @@ def _equations(grey, x, y, half, zero, sums):  # type: ignore[no-untyped-def]
         for u in range(max(int(x - half), 1), min(int(x + half) + 2, w - 1)):
             dx, dy = u - x, v - y
             r2 = dx * dx + dy * dy
-            if r2 > half * half or (abs(dx) < zero[0] and abs(dy) < zero[1]):
+            beyond = _beyond(dx, dy, zero)
+            if r2 > half * half or beyond <= 0.0:
                 continue
-            weight = (1.0 - r2 / (half * half)) ** 2
+            weight = beyond * (1.0 - r2 / (half * half)) ** 2
             gx = 0.5 * (float(grey[v, u + 1]) - float(grey[v, u - 1]))
             gy = 0.5 * (float(grey[v + 1, u]) - float(grey[v - 1, u]))
             e = gx * dx + gy * dy
@@ -83,9 +94,10 @@ def _spread(grey, x, y, half, zero, variance):  # type: ignore[no-untyped-def]
         for u in range(u0 + 1, u1 - 1):
             dx, dy = u - x, v - y
             r2 = dx * dx + dy * dy
-            if r2 > half * half or (abs(dx) < zero[0] and abs(dy) < zero[1]):
+            beyond = _beyond(dx, dy, zero)
+            if r2 > half * half or beyond <= 0.0:
                 continue
-            weight = (1.0 - r2 / (half * half)) ** 2
+            weight = beyond * (1.0 - r2 / (half * half)) ** 2
             gx = 0.5 * (float(grey[v, u + 1]) - float(grey[v, u - 1]))
             gy = 0.5 * (float(grey[v + 1, u]) - float(grey[v - 1, u]))
             j, i = v - v0, u - u0
@@ -132,8 +144,8 @@ def _fit(grey, uv, half, zero):  # type: ignore[no-untyped-def]
     for i in range(len(uv)):
         x, y = uv[i, 0], uv[i, 1]
         out[i, 2], out[i, 3], out[i, 4] = np.inf, np.inf, 0.0
-        moved = np.inf
-        for _ in range(MOST_STEPS):
+        moved, whole = np.inf, 0.0
+        for k in range(MOST_STEPS):
             _equations(grey, x, y, half[i], zero, sums)
             det = sums[0] * sums[2] - sums[1] ** 2
             # Two edges: the smaller eigenvalue of N is no small part of the larger (det over squared trace).
@@ -141,8 +153,11 @@ def _fit(grey, uv, half, zero):  # type: ignore[no-untyped-def]
                 break
             dx = (sums[2] * sums[3] - sums[1] * sums[4]) / det
             dy = (sums[0] * sums[4] - sums[1] * sums[3]) / det
-            x, y = x + dx, y + dy
-            moved = math.hypot(dx, dy)
+            # Pixels that enter and leave the zero zone can make it swing between two places: then it ends between.
+            share = 1.0 if k < FULL_STEPS else 1.0 / (k - FULL_STEPS + 2)
+            x, y = x + share * dx, y + share * dy
+            whole = math.hypot(dx, dy)
+            moved = share * whole
             if moved < SMALL_STEP_PX or not math.hypot(x - uv[i, 0], y - uv[i, 1]) < half[i]:
                 break
         out[i, 0], out[i, 1] = x, y
@@ -162,5 +177,5 @@ def _fit(grey, uv, half, zero):  # type: ignore[no-untyped-def]
         spread = _spread(grey, x, y, half[i], zero, variance)
         out[i, 3], out[i, 4] = math.sqrt(variance), 0.5 * (high - low)
         if spread > 0.0:
-            out[i, 2] = math.sqrt(spread)
+            out[i, 2] = math.sqrt(spread + (0.5 * whole) ** 2)
     return out

@@ -42,7 +42,7 @@ from calibrant.calibrate.cell.problem.views import (
     unsharp_views,
 )
 from calibrant.calibrate.cell.refine import refined
-from calibrant.calibrate.cell.result import along_with_lenses, cell_result
+from calibrant.calibrate.cell.result import along_with_lenses, cell_result, with_images_judged
 from calibrant.calibrate.cell.sizes import Sizes, target_sizes, with_lens_free, with_size_free
 from calibrant.calibrate.cell.starts.cell import CellStart, cell_start
 from calibrant.calibrate.review.review import review
@@ -130,7 +130,8 @@ def judged_cell(fit: CellFit, asked: Mapping[str, object]) -> CalibrationResult:
         found = cell_result(
             fit.cell, fit.start, fit.noise, fit.sizes, fit.certainty, fit.left_out, fit.numbering, asked
         )
-        result = stamp(along_with_lenses(review(found), found, fit.cell, fit.noise.solution))
+        reviewed = along_with_lenses(review(found), found, fit.cell, fit.noise.solution)
+        result = stamp(with_images_judged(reviewed, fit.cell, fit.noise, fit.sizes))
     refuse_if_failed(result)
     return result
 

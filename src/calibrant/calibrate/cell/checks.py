@@ -29,7 +29,10 @@ NOTHING = 0.001
 """Millimetres and degrees: the finest that makers state of a robot's repeatability is ten times that."""
 FEW_USED_SHARE = 2 / 3
 HELD_OUT_FACTOR = 2.0
-"""Leaving one of n poses out inflates the error by about 1 + 6 / n; twofold means single poses carry the result."""
+"""Leaving one of n poses out inflates the error by about 1 + 6 / n: below twofold nobody need ask."""
+HELD_OUT_CHANCE = 1e-3
+"""Of a thousand sets whose errors are noise, one is warned of at most."""
+NOTHING_MM = 1e-6
 FEW_SHARED_MOMENTS = 5
 """Pairs with fewer common moments rest on single pictures: one blurred board bends the rig."""
 TOGETHER_WARN = 1.5
@@ -154,8 +157,11 @@ def scale_check(scale: Measured | None, at_that_size: tuple[float, float] | None
     return Check("target-size", "warn", f"{text}: measure the target, all distances scale with it", scale.value)
 
 
-def image_poses_check(found: ImagePoses | None, robot: SigmaRobot | None) -> tuple[Check, ...]:
-    """Whose noise is it: the robot's, or that of target poses from images that err as a whole?"""
+def image_poses_check(found: ImagePoses | None, robot: SigmaRobot | None, *, repeats: bool = True) -> tuple[Check, ...]:
+    """Whose noise is it: the robot's, or that of target poses from images that err as a whole?
+
+    repeats: whether a cause may stand behind it that all images share (`no_cause_repeats`), which no sigma holds.
+    """
     if found is None or robot is None:
         return ()
     ratio = found.px / found.scatter_px
@@ -166,12 +172,20 @@ def image_poses_check(found: ImagePoses | None, robot: SigmaRobot | None) -> tup
             f"{found.scatter_px:.2g} px); smaller ones are counted as the robot's"
         )
         return (Check("image-poses", "ok", message, ratio),)
-    message = (
+    text = (
         f"the target poses from the images err like points of {found.px:.2g} px, {ratio:.2g} times the points' scatter "
-        f"({found.scatter_px:.2g} px): the lens model, a bent board, or how points are found. Beside them the robot "
-        f"errs by {_size(found.robot_mm, 'mm')} / {_size(found.robot_deg, 'deg')}; its noise stated, "
-        f"{robot.mm:.2g} mm / {robot.deg:.2g} deg, is both. What all images share no sigma knows: try calibrant "
-        "intrinsics --target-shape paraboloid, and a camera from more views (--camera)"
+        f"({found.scatter_px:.2g} px)"
+    )
+    beside = (
+        f"Beside them the robot errs by {_size(found.robot_mm, 'mm')} / {_size(found.robot_deg, 'deg')}; its noise "
+        f"stated, {robot.mm:.2g} mm / {robot.deg:.2g} deg, is both"
+    )
+    if not repeats:
+        message = f"{text}: points of an image err alike, anew in each; sigma holds it. {beside}"
+        return (Check("image-poses", "ok", message, ratio),)
+    message = (
+        f"{text}: the lens model, a bent board, or how points are found. {beside}. What all images share no sigma "
+        "knows: try calibrant intrinsics --target-shape paraboloid, and a camera from more views (--camera)"
     )
     return (Check("image-poses", "warn", message, ratio),)
 
@@ -190,16 +204,29 @@ def convergence_check(solution: Solution, settled: bool, rounds: int) -> Check:
     return Check("convergence", "ok", f"{solution.message}; noise levels settled in {rounds} rounds", float(rounds))
 
 
-def held_out_check(held: LoopDeviations, loop: LoopDeviations) -> Check:
-    """Does the calibration predict poses that it has not seen as well as those it has?"""
+def held_out_ratio(held: LoopDeviations, loop: LoopDeviations) -> float:
+    """How much larger errors in millimetres are where a pose was left out."""
+    return held.rms[0] / max(loop.rms[0], 1e-9)
+
+
+def held_out_check(held: LoopDeviations, loop: LoopDeviations, chance: float | None) -> Check:
+    """Does the calibration predict poses that it has not seen as well as those it has?
+
+    chance: at most so often noise alone makes a difference as large (`held_out_chance`); None where that is not known.
+    """
     mm, deg = held.rms
-    ratio = mm / max(loop.rms[0], 1e-9)
+    ratio = held_out_ratio(held, loop)
     text = f"a pose left out of the calibration is predicted to {mm:.3g} mm / {deg:.2g} deg rms"
-    if ratio > HELD_OUT_FACTOR and mm > 1e-6:
-        return Check(
-            "held-out", "warn", f"{text}, {ratio:.1f} times the loop: too few poses, or single poses carry it", ratio
-        )
-    return Check("held-out", "ok", text, ratio)
+    if ratio <= HELD_OUT_FACTOR or mm <= NOTHING_MM:
+        return Check("held-out", "ok", text, ratio)
+    text = f"{text}, {ratio:.1f} times the loop"
+    if chance is not None and chance > HELD_OUT_CHANCE:
+        return Check("held-out", "ok", f"{text}, as noise makes it for so few poses; sigma holds it", ratio)
+    message = (
+        f"{text}, more than so few poses explain: single poses, the lens or the board carry it. Take more poses, in "
+        "all of the workspace, and look at the largest errors in the report"
+    )
+    return Check("held-out", "warn", message, ratio)
 
 
 def certainty_check(t: TransformEstimate) -> Check:

@@ -67,12 +67,12 @@ def leave_out(cell: Cell, fit: Solution) -> LoopDeviations | None:
 
     A moment that alone holds a list of pictures is not left out: nothing would tell where its camera is.
     """
-    folds = _folds(cell)
-    count = 1 + max((int(f.max()) for f in folds if len(f)), default=-1)
+    numbers = folds(cell)
+    count = 1 + max((int(f.max()) for f in numbers if len(f)), default=-1)
     shares, parts = _shares(cell, fit), []
     for k in range(count):
         checkpoint()
-        out = [f == k for f in folds]
+        out = [f == k for f in numbers]
         if any(d.use.any() and not (d.use & ~o).any() for d, o in zip(cell.data, out)):
             continue
         parts.append(loop_deviations(cell, _without(cell, fit, shares, out), out))
@@ -82,7 +82,7 @@ def leave_out(cell: Cell, fit: Solution) -> LoopDeviations | None:
     return LoopDeviations(mm, deg, px)
 
 
-def _folds(cell: Cell) -> list[NDArray[np.intp]]:
+def folds(cell: Cell) -> list[NDArray[np.intp]]:
     """The group that each row of every list is held out with; -1 for none."""
     number: dict[tuple[str, str], int] = {}
     for i, p, _ in cell.lists:

@@ -12,11 +12,13 @@ import numpy as np
 from calibrant.arrays import Array
 from calibrant.calibrate.cell import checks as questions
 from calibrant.calibrate.cell.certainty.checks import given_lens_check, lens_shift_check, shared_errors_check
+from calibrant.calibrate.cell.certainty.image_causes import no_cause_repeats
 from calibrant.calibrate.cell.certainty.lens import along_with
 from calibrant.calibrate.cell.certainty.whole import Certainty, growth
 from calibrant.calibrate.cell.checks import LoopDeviations
 from calibrant.calibrate.cell.fitted import fitted_cameras, fitted_transforms, said_poses
 from calibrant.calibrate.cell.held_out import leave_out, loop_deviations, loop_of_list
+from calibrant.calibrate.cell.held_out_chance import held_out_chance
 from calibrant.calibrate.cell.methods import methods_table
 from calibrant.calibrate.cell.noise_figures import noise_by_name, pooled, robot_parameters, sigma_px, sigma_robot
 from calibrant.calibrate.cell.problem.groups import geometry_variable, lens_variable, pictures_factor, pixel_group
@@ -151,7 +153,7 @@ def _checks(
         *_loop_checks(cell, start, solution),
         *(_together(cell, noise, name) for name in cell.roles if several),
         *_rig_checks(cell, start, noise),
-        *([] if held is None or not len(held.mm) else [questions.held_out_check(held, loop)]),
+        *_held_out_checks(cell, solution, held, loop),
         *_size_checks(cell, sizes, loop),
         *_image_checks(cell, noise, sizes),
         *_certainty_checks(cell, solution, certainty),
@@ -225,10 +227,29 @@ def _size_checks(cell: Cell, sizes: Sizes, loop: LoopDeviations) -> Iterable[Che
         )
 
 
-def _image_checks(cell: Cell, noise: NoiseEstimate, sizes: Sizes) -> Iterable[Check]:
+def _held_out_checks(
+    cell: Cell, solution: Solution, held: LoopDeviations | None, loop: LoopDeviations
+) -> Iterable[Check]:
+    if held is None or not len(held.mm):
+        return
+    ratio = questions.held_out_ratio(held, loop)
+    chance = held_out_chance(cell, solution, ratio) if ratio > questions.HELD_OUT_FACTOR else None
+    yield questions.held_out_check(held, loop, chance)
+
+
+def with_images_judged(result: CalibrationResult, cell: Cell, noise: NoiseEstimate, sizes: Sizes) -> CalibrationResult:
+    """The reviewed result, images that err as a whole judged by what the review found of their causes."""
+    if not no_cause_repeats(result):
+        return result
+    judged = {c.name: c for c in _image_checks(cell, noise, sizes, repeats=False)}
+    checks = tuple(judged.get(c.name, c) for c in result.checks)
+    return replace(result, checks=checks, verdict=verdict_of(checks))
+
+
+def _image_checks(cell: Cell, noise: NoiseEstimate, sizes: Sizes, *, repeats: bool = True) -> Iterable[Check]:
     for i, found in sorted(sizes.images.items()):
         robot = sigma_robot(cell, noise, cell.layout.pictures[i].robot)
-        yield from (_named(c, cell.layout.label(i)) for c in questions.image_poses_check(found, robot))
+        yield from (_named(c, cell.layout.label(i)) for c in questions.image_poses_check(found, robot, repeats=repeats))
 
 
 def _certainty_checks(cell: Cell, solution: Solution, certainty: Certainty) -> Iterable[Check]:

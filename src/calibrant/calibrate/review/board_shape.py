@@ -39,6 +39,8 @@ from calibrant.targets.circles import Circles
 from calibrant.targets.registry import parse_target
 
 FLATNESS, SQUARES, POINTS, LENS = "board-flatness", "board-squares", "board-points", "lens-model"
+FLATNESS_UNTOLD = "these views do not tell whether the board is flat"
+SQUARES_UNTOLD = "the views do not tell whether the squares are square"
 _TELLS = 3.0
 """Sigmas by which the data must tell square pixels on rectangles from rectangular pixels on squares."""
 _MOST_NAMED = 5
@@ -103,7 +105,7 @@ def _lens_check(scores: ViewScores, radial: Fault) -> Check:
 
 def _flatness_check(bend: Fault | None, door: str) -> Check:
     if bend is None:
-        return Check(FLATNESS, "ok", "these views do not tell whether the board is flat")
+        return Check(FLATNESS, "ok", FLATNESS_UNTOLD)
     height, sigma = _largest_height(bend)
     size = f"{height:.2g} ± {sigma:.1g} mm"
     if not bend.real:
@@ -167,7 +169,7 @@ def _squares_check(scores: ViewScores, stretch: Fault | None, askew: Fault | Non
         )
         return Check(SQUARES, "warn", message, away)
     if sigma > _TELLS * _PRINTED:
-        return Check(SQUARES, "ok", "the views do not tell whether the squares are square", away)
+        return Check(SQUARES, "ok", SQUARES_UNTOLD, away)
     return Check(SQUARES, "ok", f"the squares are square to {percent(sigma)} (1 sigma)", away)
 
 

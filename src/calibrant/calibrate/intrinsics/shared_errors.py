@@ -12,14 +12,13 @@ import numpy as np
 
 from calibrant.arrays import Array, Indices
 from calibrant.calibrate.reprojection.factor import StackedViews
+from calibrant.calibrate.review.residuals import places
 from calibrant.cameras import CameraModel
 from calibrant.data import Check, View
 from calibrant.data.details import SharedErrors
 from calibrant.optimize.clusters import cluster_scores, clustered_covariance, influence, square_root
 from calibrant.optimize.solution import Solution
 
-CELLS = (8, 6)
-"""Columns and rows of places in the image: coarse enough for many points each, fine enough for a distortion's shape."""
 ROUNDING_PX = 1e-7
 """Residuals below are the rounding of exact data, which is not noise: nothing can be learnt from how it is shared."""
 _MANY = 10
@@ -87,9 +86,3 @@ def _numbered(labels: Indices) -> Indices:
     present = np.zeros(labels.max() + 1, dtype=np.int64)  # without the sorting that takes most of the time
     present[labels] = 1
     return (np.cumsum(present) - 1)[labels]
-
-
-def places(uv: Array, image_size: tuple[int, int]) -> Indices:
-    """The place (N,) in the image of each pixel (N, 2), by its number among `CELLS`."""
-    cells = np.clip((uv + 0.5) / image_size * CELLS, 0, np.array(CELLS) - 1).astype(np.int64)
-    return np.asarray(cells[:, 1] * CELLS[0] + cells[:, 0])

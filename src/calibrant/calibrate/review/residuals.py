@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.arrays import Array
+from calibrant.arrays import Array, Indices
 from calibrant.calibrate.reprojection.outliers import median
 from calibrant.calibrate.review.target_points import target_points
 from calibrant.data import CalibrationResult, Check, View
@@ -221,10 +221,15 @@ def _standardised(view: ViewResiduals) -> tuple[Array, Array]:
     return uv, e / max(_rms_of_residuals(e) / np.sqrt(2), np.finfo(float).tiny)
 
 
+def places(uv: Array, image_size: tuple[int, int]) -> Indices:
+    """The place (N,) in the image of each pixel (N, 2), by the number of its cell of the map."""
+    cells = np.clip((uv + 0.5) / image_size * _CELLS, 0, np.array(_CELLS) - 1).astype(np.int64)
+    return np.asarray(cells[:, 1] * _CELLS[0] + cells[:, 0])
+
+
 def _map_share(uv: Array, e: Array, image_size: tuple[int, int]) -> tuple[float, float]:
     """Share of the variance that the cell means explain beyond chance, and the chance of as much from pure noise."""
-    cells = np.clip((uv + 0.5) / image_size * _CELLS, 0, np.array(_CELLS) - 1).astype(np.int64)
-    index = cells[:, 1] * _CELLS[0] + cells[:, 0]
+    index = places(uv, image_size)
     size = _CELLS[0] * _CELLS[1]
     n = np.bincount(index, minlength=size)
     sums = np.stack([np.bincount(index, weights=e[:, k], minlength=size) for k in (0, 1)], axis=-1)

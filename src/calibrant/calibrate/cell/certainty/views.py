@@ -15,10 +15,11 @@ import numpy as np
 from calibrant.arrays import Array, Indices
 from calibrant.calibrate.cell.problem.groups import extra_variable, lens_variable, pictures_factor, robot_groups
 from calibrant.calibrate.cell.problem.problem import Cell
-from calibrant.calibrate.intrinsics.shared_errors import ROUNDING_PX, places
+from calibrant.calibrate.intrinsics.shared_errors import ROUNDING_PX
+from calibrant.calibrate.review.residuals import places
 from calibrant.data import View
 from calibrant.optimize import cluster_kernels
-from calibrant.optimize.clusters import Clusters, corrected, influence, square_root
+from calibrant.optimize.clusters import Clusters, clustered_covariance, corrected, influence, square_root
 from calibrant.optimize.solution import Solution
 
 Label = Callable[[str, View], Iterator[object]]
@@ -44,11 +45,8 @@ def lens_shares(cell: Cell, solution: Solution, camera: str, *, sigma_px: float)
     root, inverse = square_root(C)
     rows = list(_rows(cell, plain, camera, inverse))
     size = cell.roles[camera].camera.image_size
-    out = np.zeros_like(C)
-    for label in (_by_view, _by_point, lambda moment, v: iter(places(v.uv, size).tolist())):
-        shared = _clusters(rows, label, root).shared
-        out += root @ shared @ root.T
-    return out
+    labels = (_by_view, _by_point, lambda moment, v: iter(places(v.uv, size).tolist()))
+    return clustered_covariance(np.zeros_like(C), [_clusters(rows, label, root) for label in labels])
 
 
 def _by_view(moment: str, view: View) -> Iterator[object]:

@@ -100,10 +100,6 @@ class Fit:
         """Covariance of the tangent of a transform, or of the change of the lens."""
         return self.maps[name] @ self.covariance @ self.maps[name].T
 
-    def camera_now(self) -> Camera:
-        """The camera as the photos of now have it."""
-        return replace(self.model.camera, values=self.lens_now, covariance=None)
-
     def pose(self, i: int) -> Array:
         """T_camera_target (4, 4) of photo i."""
         links, values = _links(self.model.photos[i].chain, self.place)

@@ -117,6 +117,10 @@ def test_both_solutions_are_given_where_they_cannot_be_told_apart() -> None:
     result = estimate_poses(camera, seen(camera, points, truth, sigma_px=0.3, seed=1), sigma_px=0.3)
     assert [t.child for t in result.transforms] == ["target", "target" + SECOND]
     assert result.verdict == "warn"
+    assert "odds" in result.check("second-solution").message
+    sure = estimate_poses(camera, seen(camera, points, truth, sigma_px=0.3, seed=1), sigma_px=0.3, confidence=0.501)
+    assert [t.child for t in sure.transforms] == ["target"]
+    assert "below 20 : 1" in sure.check("second-solution").message
     assert "0.png" in result.check("second-solution").message or "0:" in result.check("second-solution").message
     angles = [so3.angle(t.matrix[:3, :3] @ truth[:3, :3].T) for t in result.transforms]
     assert min(angles) < 0.25
@@ -154,6 +158,30 @@ def test_mixed_up_points_fit_no_pose() -> None:
     result = estimate_poses(camera, replace(found, views=(replace(found.views[0], uv=uv),)))
     assert result.verdict == "refused"
     assert "no pose fits" in result.check("reprojection").message
+
+
+def test_residuals_beyond_the_noise_that_was_given_are_said() -> None:
+    camera = standard_camera()
+    found = seen(camera, BOARD, look_at_board(camera, BOARD, 3, rng=np.random.default_rng(6)), sigma_px=0.3)
+    assert estimate_poses(camera, found, sigma_px=0.3).check("noise").status == "ok"
+    said = estimate_poses(camera, found, sigma_px=0.1).check("noise")
+    assert said.status == "warn"
+    assert "times what it leaves" in said.message
+    # A camera that is uncertain by more may have made them.
+    doubted = replace(camera, covariance=np.diag(np.square([5.0, 5, 5, 5, 0.1, 0.1, 0, 0, 0.1])))
+    assert estimate_poses(doubted, found, sigma_px=0.1).check("noise").status == "ok"
+
+
+def test_points_as_near_to_their_neighbours_places_fit_no_pose() -> None:
+    camera = standard_camera()
+    T = look_at_board(camera, BOARD, 1, rng=np.random.default_rng(6))
+    found = seen(camera, BOARD, T, sigma_px=0.0)
+    view = found.views[0]
+    apart = np.linalg.norm(view.uv[1] - view.uv[0])
+    uv = view.uv + 0.5 * apart * np.random.default_rng(1).standard_normal((54, 2))
+    result = estimate_poses(camera, replace(found, views=(replace(view, uv=uv),)))
+    assert result.verdict == "refused"
+    assert "neighbour" in result.check("reprojection").message
 
 
 def test_few_spare_values_and_an_uncertain_camera_are_said() -> None:

@@ -48,7 +48,8 @@ class PoseSolution:
 
     covariance (6, 6) of `se3.retract`, radians and metres; of_camera (6, 6) the camera's share of it, None where the
     camera's uncertainty is not known; rms_px per point over both axes; times: how much wider sigma is for errors that
-    neighbouring points share.
+    neighbouring points share; chi2: squared residuals over the noise; lens_chi2: how much of it the camera's
+    uncertainty may be expected to make.
     """
 
     T_camera_target: Array
@@ -57,6 +58,8 @@ class PoseSolution:
     rms_px: float
     probability: float
     times: float = 1.0
+    chi2: float = 0.0
+    lens_chi2: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +172,7 @@ def _view_pose(camera: Camera, view: View, found: TargetPoses, i: int, sigma: Ar
     best = _solution(camera, view, found.T_camera_target[i], sigma)
     other = _solution(camera, view, found.doubles[i], sigma)
     step = se3.local(best.pose.T_camera_target, other.pose.T_camera_target)
-    if step @ np.linalg.solve(best.of_noise, step) < SAME_POSE**2 or not np.isfinite(other.cost):
+    if step @ np.linalg.solve(best.of_noise, step) < SAME_POSE**2 or not np.isfinite(other.pose.chi2):
         return ViewPose(view, best.pose, None, weakest(best.pose, view))
     ratio = _ratio(best, other, spare)
     if ratio > 1:
@@ -181,17 +184,16 @@ def _view_pose(camera: Camera, view: View, found: TargetPoses, i: int, sigma: Ar
 
 @dataclass(frozen=True, eq=False)
 class _Fitted:
-    """A solution, its share of pixel noise (6, 6), and its cost S / sigma^2."""
+    """A solution, and the share of pixel noise (6, 6) in its covariance."""
 
     pose: PoseSolution
     of_noise: Array
-    cost: float
 
 
 def _ratio(best: _Fitted, other: _Fitted, spare: int | None) -> float:
     """P_other / P_best; spare: values that the noise was estimated from, None for a noise that was given."""
     volume = 0.5 * (np.linalg.slogdet(other.of_noise)[1] - np.linalg.slogdet(best.of_noise)[1])
-    worse = other.cost - best.cost
+    worse = other.pose.chi2 - best.pose.chi2
     if spare is None:
         logarithm = volume - 0.5 * worse
     else:
@@ -210,17 +212,20 @@ def _solution(camera: Camera, view: View, T: Array, sigma: Array) -> _Fitted:
     # Radians and metres differ by orders of magnitude: scaled, the inverse loses no digits.
     scale = 1 / np.sqrt(np.diag(H))
     of_noise = np.linalg.inv(H * scale[:, None] * scale) * scale[:, None] * scale
-    of_camera = None
+    of_camera, lens_chi2 = None, 0.0
     if camera.covariance is not None:
         D = -of_noise @ np.sum(np.swapaxes(J, -1, -2) @ (weight * J_camera), axis=0)
         of_camera = D @ camera.covariance @ D.T
+        left = (J_camera + J @ D) / sigma[:, None, None]
+        lens_chi2 = float(np.einsum("nij,jk,nik->", left, camera.covariance, left))
     squares = np.sum((uv - view.uv) ** 2, axis=1)
     whitened, residuals = J / sigma[:, None, None], (uv - view.uv) / sigma[:, None]
     shared = with_shared_errors(of_noise, whitened, residuals, view.points, of_camera=of_camera)
     total = shared if of_camera is None else shared + of_camera
     times = float(np.sqrt(np.mean(np.diag(shared) / np.diag(of_noise))))
-    pose = PoseSolution(T, total, of_camera, float(np.sqrt(squares.mean())), 1.0, times)
-    return _Fitted(pose, of_noise, float(np.sum(squares / sigma**2)))
+    chi2 = float(np.sum(squares / sigma**2))
+    pose = PoseSolution(T, total, of_camera, float(np.sqrt(squares.mean())), 1.0, times, chi2, lens_chi2)
+    return _Fitted(pose, of_noise)
 
 
 def weakest(pose: PoseSolution, view: View) -> Weakest:

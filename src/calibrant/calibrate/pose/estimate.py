@@ -7,7 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibrant.arrays import Array
-from calibrant.calibrate.pose.both_solutions import FEWEST_POINTS, Poses, PoseSolution, ViewPose, Weakest, view_poses
+from calibrant.calibrate.pose.both_solutions import (
+    FEWEST_POINTS,
+    UNKNOWNS,
+    Poses,
+    PoseSolution,
+    ViewPose,
+    Weakest,
+    view_poses,
+)
 from calibrant.calibrate.reprojection.outliers import points_reason
 from calibrant.cameras import Camera
 from calibrant.data import (
@@ -22,6 +30,7 @@ from calibrant.data import (
 )
 from calibrant.data.verdicts import stamp
 from calibrant.errors import InputError
+from calibrant.optimize.chances import chi2_tail
 
 CONFIDENCE = 0.99
 SECOND = " (second solution)"
@@ -33,6 +42,14 @@ SUSPICIOUS_RMS_PX = 2.0
 """Detectors locate points to well under 1 px: more is another camera, a wrong size in the spec, or a misread board."""
 NO_FIT = 0.1
 """Residual over the target's extent in the image above which no pose fits: points are then mixed up, not noisy."""
+NEIGHBOUR = 0.5
+"""Residual over the distance of neighbouring points from which a point is as near to its neighbour's place."""
+BY_CHANCE = 1e-4
+"""How often noise as it was given would leave such residuals: one in ten thousand sets is no chance."""
+LENS_SIGMAS = 4.0
+"""What the camera's own uncertainty may leave in the residuals, in its sigmas, before they count against the noise."""
+LEAST_ODDS = 20.0
+"""Odds below which one of two poses is a guess, whatever confidence was asked for: wrong once in 21 pictures."""
 ALONG_DEG, ACROSS_DEG = 20.0, 70.0
 
 
@@ -138,10 +155,25 @@ def _pose_fit_check(poses: Poses) -> Check:
             f"{text}, of {extent:.0f} px that the target measures: no pose fits. Are the points in the right order, "
             "and is it the camera that took the image?", rms,
         )  # fmt: skip
+    apart = _spacing(worst.view)
+    if rms > SUSPICIOUS_RMS_PX and rms > NEIGHBOUR * apart:
+        return Check(
+            "reprojection", "fail",
+            f"{text}, half of the {apart:.2g} px from a point to its neighbour or more: which point is which the fit "
+            "does not show. Are the points in the right order, is it the camera that took the image, and has the "
+            "target the rows and columns that were said?", rms,
+        )  # fmt: skip
     if rms > SUSPICIOUS_RMS_PX:
         text += ", more than a detector's noise: check the target's size, its flatness, and whether the camera is right"
         return Check("reprojection", "warn", text, rms)
     return Check("reprojection", "ok", text, rms)
+
+
+def _spacing(view: View) -> float:
+    """Typical distance of a point to the nearest other one, px."""
+    gaps = np.linalg.norm(view.uv[:, None] - view.uv, axis=2)
+    np.fill_diagonal(gaps, np.inf)
+    return float(np.median(gaps.min(axis=1)))
 
 
 def _pose_noise_check(poses: Poses) -> Check:
@@ -150,7 +182,7 @@ def _pose_noise_check(poses: Poses) -> Check:
     if times > SAID:
         text += f" (neighbouring points err alike: sigma holds it, {times:.1f} times that of independent points)"
     if not poses.estimated:
-        return Check("noise", "ok", f"{text}, as given", poses.sigma_px)
+        return _given_noise_check(f"{text}, as given", poses)
     stated = any(p.view.sigma_px is not None for p in poses.views)
     source = "by the detector and the residuals" if stated else f"by the residuals, {poses.spare} values to spare"
     if poses.spare < FEW_SPARE and not stated:
@@ -162,16 +194,41 @@ def _pose_noise_check(poses: Poses) -> Check:
     return Check("noise", "ok", f"{text}, {source}", poses.sigma_px)
 
 
+def _given_noise_check(text: str, poses: Poses) -> Check:
+    """Could noise of this size leave these residuals, with what the camera's uncertainty may add?"""
+    chi2 = sum(p.best.chi2 for p in poses.views)
+    of_noise = chi2 - LENS_SIGMAS**2 * sum(p.best.lens_chi2 for p in poses.views)
+    if poses.spare < 1 or chi2_tail(poses.spare, max(of_noise, 0.0)) > BY_CHANCE:
+        return Check("noise", "ok", text, poses.sigma_px)
+    times = float(np.sqrt(chi2 / poses.spare))
+    return Check(
+        "noise", "warn",
+        f"{text}, but the residuals are {times:.2g} times what it leaves: it is given too small. Leave "
+        "--sigma-px out, so that the residuals count, and check the target's size and flatness and the camera",
+        poses.sigma_px,
+    )  # fmt: skip
+
+
 def _two_fold(poses: Poses, confidence: float) -> Check:
     unclear = [p for p in poses.views if p.ambiguous(confidence)]
     least = min(p.best.probability for p in poses.views)
+    guessed = [p for p in poses.views if p.ambiguous(LEAST_ODDS / (LEAST_ODDS + 1))]
+    if guessed and not unclear:
+        said = "; ".join(_doubt(p, poses.estimated) for p in guessed[:3]) + ("; …" if len(guessed) > 3 else "")
+        return Check(
+            "second-solution", "warn",
+            f"the likelier of two poses is given, as asked with {100 * confidence:g} % confidence, but the odds for it "
+            f"are below {LEAST_ODDS:g} : 1 in {len(guessed)} of {len(poses.views)} views ({said}); ask for more "
+            "(--confidence 0.99) to have both", least,
+        )  # fmt: skip
     if not unclear:
         return Check("second-solution", "ok", _told_apart(poses), least)
-    said = "; ".join(_doubt(p) for p in unclear[:3]) + ("; …" if len(unclear) > 3 else "")
+    said = "; ".join(_doubt(p, poses.estimated) for p in unclear[:3]) + ("; …" if len(unclear) > 3 else "")
     return Check(
         "second-solution", "warn",
-        f"two poses fit {len(unclear)} of {len(poses.views)} views and cannot be told apart with {100 * confidence:g} "
-        f"% confidence ({said}). Both are given; tilt the target, come nearer, or take a larger one", least,
+        f"two poses fit {len(unclear)} of {len(poses.views)} views and cannot be told apart with "
+        f"{100 * confidence:g} % confidence ({said}). Both are given, the likelier first; tilt the target, come "
+        "nearer, or take a larger one", least,
     )  # fmt: skip
 
 
@@ -185,11 +242,16 @@ def _told_apart(poses: Poses) -> str:
     return f"the mirrored pose is ruled out: probability {odds:.1g} at most"
 
 
-def _doubt(p: ViewPose) -> str:
+def _doubt(p: ViewPose, estimated: bool) -> str:
+    """Odds, how well each pose fits, and how far they are from each other."""
     other: PoseSolution = p.other or p.best
     R = p.best.T_camera_target[:3, :3].T @ other.T_camera_target[:3, :3]
     apart = np.rad2deg(np.arccos(np.clip((np.trace(R) - 1) / 2, -1, 1)))
-    return f"{p.view.id}: {p.best.probability:.2f} to {other.probability:.2f}, {apart:.1f} deg apart"
+    odds = p.best.probability / max(other.probability, 1e-12)
+    fits = f"{p.best.rms_px:.2g} and {other.rms_px:.2g} px rms"
+    if not estimated:
+        fits += f", chi-square {p.best.chi2:.3g} and {other.chi2:.3g} with {2 * len(p.view) - UNKNOWNS} to spare"
+    return f"{p.view.id}: odds {odds:.2g} : 1, {apart:.1f} deg apart; {fits}"
 
 
 def _weakest(poses: Poses) -> Check:

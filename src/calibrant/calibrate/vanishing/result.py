@@ -95,6 +95,9 @@ def _edges(found: Manhattan) -> Check:
         f"{used} of {len(found.member)} straight edges follow the three directions; noise {found.sigma_px:.2g} px "
         f"across an edge, and {found.excess_px:.2g} px that all of an edge has in common"
     )
+    if found.sigma_px > EXCESS_WARN_PX:
+        text += ": more than a sharp edge's; the picture is blurred, or the camera's distortion is not as given"
+        return Check("edges", "warn", text, float(used))
     if found.excess_px > EXCESS_WARN_PX:
         text += ": the walls are not straight or parallel, or the camera's distortion is not as given"
         return Check("edges", "warn", text, float(used))

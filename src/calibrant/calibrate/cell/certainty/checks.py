@@ -6,7 +6,7 @@ import numpy as np
 
 from calibrant.calibrate.cell.certainty.given_lens import LensDoubt
 from calibrant.calibrate.cell.certainty.lens import LensShift
-from calibrant.calibrate.cell.certainty.neighbours import SharedErrors
+from calibrant.calibrate.cell.certainty.neighbours import NeighbourErrors
 from calibrant.cameras import Camera
 from calibrant.data import Check
 
@@ -16,7 +16,7 @@ ORDER_LIKELY = 0.9
 """Share of that chance from which the order of the poses is named as what they go by."""
 
 
-def shared_errors_check(found: SharedErrors, growth: float) -> tuple[Check, ...]:
+def shared_errors_check(found: NeighbourErrors, growth: float) -> tuple[Check, ...]:
     """Do neighbouring poses err alike? growth: sigma of the camera's position over that of independent errors."""
     if found.chance < LIKELY:
         return ()

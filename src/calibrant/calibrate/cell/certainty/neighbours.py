@@ -36,7 +36,7 @@ LEAST_POSES = 4
 
 
 @dataclass(frozen=True, eq=False)
-class SharedErrors:
+class NeighbourErrors:
     """covariance (s, s): what errors that neighbours share add to that of the shared unknowns; chance: that there are
     any; order: that of it where they go by the order of the poses, and not by their places."""
 
@@ -45,7 +45,7 @@ class SharedErrors:
     order: float
 
 
-def shared_errors(errors: PoseErrors) -> SharedErrors | None:
+def shared_errors(errors: PoseErrors) -> NeighbourErrors | None:
     """What the errors of these poses share; None for too few of them."""
     if len(errors.gradient) < LEAST_POSES:
         return None
@@ -55,7 +55,7 @@ def shared_errors(errors: PoseErrors) -> SharedErrors | None:
     weight = np.exp(log_odds - top) / (np.exp(-top) + np.exp(log_odds - top).sum())
     covariance = np.sum([w @ np.array(LEVELS) * p.moved @ p.moved.T for w, p in zip(weight, found)], axis=0)
     order = float(sum(w.sum() for w, p in zip(weight, found) if p.of_order))
-    return SharedErrors(covariance, float(weight.sum()), order)
+    return NeighbourErrors(covariance, float(weight.sum()), order)
 
 
 @dataclass(frozen=True, eq=False)

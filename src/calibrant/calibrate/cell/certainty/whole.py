@@ -11,7 +11,7 @@ from calibrant.arrays import Array
 from calibrant.calibrate.cell.certainty.accuracy import RobotAccuracy, accuracy_shares
 from calibrant.calibrate.cell.certainty.given_lens import LensDoubt, lens_doubt
 from calibrant.calibrate.cell.certainty.lens import LensShift, along_with, lens_shift
-from calibrant.calibrate.cell.certainty.neighbours import SharedErrors, shared_errors
+from calibrant.calibrate.cell.certainty.neighbours import NeighbourErrors, shared_errors
 from calibrant.calibrate.cell.certainty.pose_errors import pose_errors
 from calibrant.calibrate.cell.certainty.size import size_shares
 from calibrant.calibrate.cell.certainty.views import lens_shares
@@ -27,7 +27,7 @@ from calibrant.optimize.solution import Solution
 class Certainty:
     """What was added to the covariance, by robot and by camera."""
 
-    robots: Mapping[str, SharedErrors]
+    robots: Mapping[str, NeighbourErrors]
     lenses: Mapping[str, LensShift]
     doubts: Mapping[str, LensDoubt]
 
@@ -47,7 +47,7 @@ def certain(
     solution = noise.solution
     there = {v.name for v in solution.problem.variables}
     beside: Array = np.zeros_like(solution.shared_covariance)
-    robots: dict[str, SharedErrors] = {}
+    robots: dict[str, NeighbourErrors] = {}
     for robot in cell.layout.robots:
         if poses_variable(robot) not in there:
             continue

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -67,6 +68,46 @@ def test_two_lenses_are_refused_and_named(which: np.ndarray, change: Change) -> 
     names = [str(i) for i in np.flatnonzero(which)]
     assert f"{names[0]}, {names[1]} … {names[-1]} (8 views)" in message
     assert "calibrate them apart" in message
+
+
+def _taller(uv: np.ndarray) -> np.ndarray:
+    """Another mode of the sensor, scaled to the same size: 4 % higher."""
+    return CENTRE + (uv - CENTRE) * [1.0, 1.04]
+
+
+@pytest.mark.parametrize("which", [EVERY_SECOND, ANY], ids=["every second", "any"])
+def test_views_stretched_in_height_are_named_with_both_focal_lengths(which: np.ndarray) -> None:
+    data = _changed(intrinsics_scene(VIEWS, seed=5).observations, which, _taller)
+    with pytest.raises(RefusedError, match=r"one-camera: two groups of views have lenses of their own") as caught:
+        cb.calibrate_intrinsics(data)
+    aspects = []
+    for fx, fy in re.findall(r"fx ([0-9.]+) ± [^,]+, fy ([0-9.]+) ±", str(caught.value)):
+        aspects.append(float(fy) / float(fx))
+    assert max(aspects) / min(aspects) == pytest.approx(1.04, abs=0.005)
+
+
+def test_every_second_is_told_by_its_number_where_views_are_missing() -> None:
+    masks = [s.second.tolist() for s in named_splits([f"{i:02d}.png" for i in (1, 2, 3, 5, 6, 7, 8, 10)])]
+    assert [True, False, True, True, False, True, False, False] in masks
+
+
+@pytest.mark.parametrize("views", [3, 4, 5])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_few_views_of_one_camera_are_in_peace(views: int, seed: int) -> None:
+    check = cb.calibrate_intrinsics(intrinsics_scene(views, seed=seed).observations).check("one-camera")
+    assert check.status == "ok"
+    assert f"no parting of the {views} views" in check.message
+
+
+@pytest.mark.parametrize("change", [_scaled(1.05), _cropped, _taller], ids=["5 % larger", "cropped", "taller"])
+def test_two_lenses_in_five_views_are_named_and_held(change: Change) -> None:
+    which = np.arange(5) % 2 == 1
+    result = cb.calibrate_intrinsics(_changed(intrinsics_scene(5, seed=5).observations, which, change))
+    check = result.check("one-camera")
+    assert check.status == "warn"
+    assert "0, 2, 4: fx" in check.message
+    assert "1, 3: fx" in check.message
+    assert "the uncertainties hold it" in check.message
 
 
 def test_views_that_follow_no_order_are_found_where_the_difference_is_large() -> None:

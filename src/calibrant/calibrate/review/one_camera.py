@@ -1,10 +1,11 @@
-"""Is it one camera? Lenses of groups of views compared, in their own scatter: two cameras, a refocus, crops, mirrors.
+"""Is it one camera? Lenses of groups of views compared, in their own scatter: two cameras, a refocus, crops, mirrors,
+another mode of the sensor.
 
-Each candidate group is given a scale and a shift of the image of its own. A difference counts when it is beyond what
-pixel noise makes of it, and beyond what the views scatter within the groups: points of a view err alike (a board that
-is not flat, a detector's bias), which moves every view's own lens without making groups of them. The scatter is taken
-from leaving out one view after the other, and the chance from Hotelling's T^2 with the degrees of freedom that two
-groups of unequal scatter leave (Nel and Van der Merwe 1986).
+Each candidate group is given a scale, a shift or a height of the image of its own. A difference counts when it is
+beyond what pixel noise makes of it, and beyond what the views scatter within the groups: points of a view err alike (a
+board that is not flat, a detector's bias), which moves every view's own lens without making groups of them. The scatter
+is taken from leaving out one view after the other, and the chance from Hotelling's T^2 with the degrees of freedom that
+two groups of unequal scatter leave (Nel and Van der Merwe 1986). Fewer than six views are asked by `few_views`.
 """
 
 from __future__ import annotations
@@ -15,10 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibrant.arrays import Array, Indices, Mask
+from calibrant.calibrate.review.few_views import parted
 from calibrant.calibrate.review.splits import CHOICES, Split, clustered_splits, named_splits, ordered_splits
 from calibrant.calibrate.review.view_scores import (
+    ASKEW,
+    ASPECT,
     BEND,
     CENTRE,
+    STRETCH,
     ZOOM,
     Estimate,
     OwnOfViews,
@@ -52,13 +57,14 @@ _FEWEST_VIEWS = 6
 @dataclass(frozen=True, eq=False)
 class Groups:
     """Two groups of views and their lenses: second (n,), chance of as much without groups, values (2, 4) of fx, fy, cx,
-    cy with their sigmas, apart: their difference in radians."""
+    cy with their sigmas, apart: their difference in radians; in_height: they are scaled in height alone."""
 
     second: Mask
     chance: float
     values: Array
     sigmas: Array
     apart: float
+    in_height: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +78,8 @@ class OneCamera:
 def one_camera(scores: ViewScores, names: Sequence[str]) -> OneCamera:
     """Whether all views have one lens. Args: names, the views' files or ids, in the order of the scores."""
     if len(scores) < _FEWEST_VIEWS:
-        return OneCamera(Check(NAME, "ok", f"{len(scores)} views are too few to compare groups of them"))
-    lenses = own_of_views(scores, ZOOM, CENTRE)
+        return _of_few(scores, names)
+    lenses = own_of_views(scores, ZOOM, CENTRE, ASPECT)
     said = f"no group of the {len(scores)} views (by name, order, every second, alike) has a lens of its own"
     fine = OneCamera(Check(NAME, "ok", said, 1.0))
     if lenses.chance > _LOOK:
@@ -81,22 +87,34 @@ def one_camera(scores: ViewScores, names: Sequence[str]) -> OneCamera:
     groups = _groups(scores, names, lenses)
     if groups is not None and groups.chance < _BEYOND_SCATTER:
         return _told(scores, groups, names)
-    alone = _single(scores, lenses, names)
+    # A single view of another height is one that moved while it was read out: the shutter is asked of it.
+    alone = _single(scores, own_of_views(scores, ZOOM, CENTRE), names)
     return alone or (fine if groups is None else _told(scores, groups, names))
+
+
+def _of_few(scores: ViewScores, names: Sequence[str]) -> OneCamera:
+    """The same of three to five views, every parting tried; never refused, their scatter is too rough."""
+    chance, split, own = parted(scores)
+    if chance < _CERTAIN:
+        groups = _lenses_of(scores, split, chance, in_height=own == (ASPECT,))
+        if groups is not None and groups.apart > _MATTERS:
+            return _told(scores, groups, names, refuse=False)
+    said = f"no parting of the {len(scores)} views explains what their lenses differ by, as far as so few can tell"
+    return OneCamera(Check(NAME, "ok", said, min(chance, 1.0)))
 
 
 def _groups(scores: ViewScores, names: Sequence[str], lenses: OwnOfViews) -> Groups | None:
     """The parting that is least likely by chance, of those that may be none."""
-    found: list[tuple[float, Split]] = []
+    found: list[tuple[float, Split, tuple[str, ...]]] = []
     for own in CHOICES:
         for split in (*named_splits(names), *ordered_splits(scores, own), *clustered_splits(scores, own, lenses)):
             noise, scatter = _chances(scores, split, own)
             if noise < _BEYOND_NOISE and scatter < _BEYOND_SCATTER:
-                found.append((scatter, split))
+                found.append((scatter, split, own))
             elif noise < _BEYOND_SCATTER and scatter < _HELD:
-                found.append((max(scatter, _BEYOND_SCATTER), split))
-    for chance, split in sorted(found, key=lambda item: item[0]):
-        groups = _lenses_of(scores, split, chance)
+                found.append((max(scatter, _BEYOND_SCATTER), split, own))
+    for chance, split, own in sorted(found, key=lambda item: item[0]):
+        groups = _lenses_of(scores, split, chance, in_height=own == (ASPECT,))
         if groups is not None:
             return groups
     return None
@@ -105,7 +123,8 @@ def _groups(scores: ViewScores, names: Sequence[str], lenses: OwnOfViews) -> Gro
 def _chances(scores: ViewScores, split: Split, own: tuple[str, ...]) -> tuple[float, float]:
     """Chances of the difference over all partings of its kind: from white noise, and from what the views scatter.
 
-    What bends the board is free, so that views which tilt it differently are no groups.
+    What bends the board is free, so that views which tilt it differently are no groups; and what stretches it where
+    heights are compared, so that views which roll it differently are none.
     """
     tried = split.tried * len(CHOICES)
     columns, mine = kept_columns(scores, *own)
@@ -115,13 +134,14 @@ def _chances(scores: ViewScores, split: Split, own: tuple[str, ...]) -> tuple[fl
     if noise > _BEYOND_SCATTER:
         return 1.0, 1.0
     worst, q = 0.0, len(mine)
-    for more in ((), (BEND,)):
+    boards: tuple[tuple[str, ...], ...] = ((), (BEND,), (STRETCH, ASKEW))
+    for more in boards if own == (ASPECT,) else boards[:2]:
         columns, mine = kept_columns(scores, *more, *own)
         mine = mine[-q:]
         found = estimate(scores, columns, only_in(scores, columns, mine, split.second), leave_out=True)
         if found is None or found.moved is None:
             if more:
-                continue  # such a bend is not determined with the lens: the plain answer stands
+                continue  # such a board is not determined with the lens: the plain answer stands
             return noise, 1.0
         worst = max(worst, _welch(found, mine, split.second))
     return noise, worst * tried
@@ -149,10 +169,10 @@ def _welch(found: Estimate, own: Indices, second: Mask) -> float:
     return float(f_tail(q, left, statistic * left / (freedom * q)))
 
 
-def _lenses_of(scores: ViewScores, split: Split, chance: float) -> Groups | None:
-    """The lens of each group, differing in scale and shift alone."""
+def _lenses_of(scores: ViewScores, split: Split, chance: float, *, in_height: bool) -> Groups | None:
+    """The lens of each group, differing in scale and shift alone, and in height where that is what parts them."""
     camera = scores.camera
-    columns, mine = kept_columns(scores, ZOOM, CENTRE)
+    columns, mine = kept_columns(scores, ZOOM, CENTRE, *([ASPECT] if in_height else []))
     found = estimate(scores, columns, only_in(scores, columns, mine, split.second), leave_out=True)
     if found is None:
         return None
@@ -165,6 +185,8 @@ def _lenses_of(scores: ViewScores, split: Split, chance: float) -> Groups | None
     both = np.stack([L, L])
     both[1, [0, 1], mine[0]] += base[:2]
     both[1, [2, 3], [mine[1], mine[2]]] += 1.0
+    if in_height:
+        both[1, 1, mine[3]] += base[1]
     values = base + both @ found.value
     if found.moved is None:
         variance = np.einsum("gri,ij,grj->gr", both, found.covariance, both)
@@ -172,20 +194,21 @@ def _lenses_of(scores: ViewScores, split: Split, chance: float) -> Groups | None
         n = len(scores)
         variance = (n - 1) / n * np.sum((both @ found.moved.T) ** 2, axis=-1)
     offset = found.value[mine]
-    return Groups(split.second, chance, values, np.sqrt(variance), _apart(scores, offset))
+    return Groups(split.second, chance, values, np.sqrt(variance), _apart(scores, offset), in_height)
 
 
-def _told(scores: ViewScores, groups: Groups, names: Sequence[str]) -> OneCamera:
-    """The check in words, and what the difference adds to the covariance where it is small."""
+def _told(scores: ViewScores, groups: Groups, names: Sequence[str], *, refuse: bool = True) -> OneCamera:
+    """The check in words, and what the difference adds to the covariance where it is not refused."""
     stems = [name.rsplit("/", 1)[-1].rsplit("\\", 1)[-1] for name in names]
     said = []
     for g, mask in enumerate((~groups.second, groups.second)):
         members = [stem for stem, inside in zip(stems, mask) if inside]
-        fx, _, cx, cy = (f"{value:.1f} ± {sigma:.2g}" for value, sigma in zip(groups.values[g], groups.sigmas[g]))
-        said.append(f"{_members(members)}: fx {fx}, cx {cx}, cy {cy} px")
+        fx, fy, cx, cy = (f"{value:.1f} ± {sigma:.2g}" for value, sigma in zip(groups.values[g], groups.sigmas[g]))
+        focal = f"fx {fx}, fy {fy}" if groups.in_height else f"fx {fx}"
+        said.append(f"{_members(members)}: {focal}, cx {cx}, cy {cy} px")
     both = "; ".join(said)
     milli = 1e3 * groups.apart
-    if groups.apart > _MATTERS and groups.chance < _CERTAIN:
+    if refuse and groups.apart > _MATTERS and groups.chance < _CERTAIN:
         message = (
             f"two groups of views have lenses of their own, {milli:.2g} mrad apart: {both}. Two cameras, another zoom "
             "or focus, or images cropped, scaled or mirrored: calibrate them apart"
@@ -194,10 +217,12 @@ def _told(scores: ViewScores, groups: Groups, names: Sequence[str]) -> OneCamera
     if groups.chance >= _BEYOND_SCATTER:
         message = f"two groups of views may differ by {milli:.2g} mrad, and the uncertainties hold it: {both}"
         return OneCamera(Check(NAME, "ok", message, groups.chance), _between(scores, groups))
-    message = (
-        f"two groups of views differ by {milli:.2g} mrad, and the uncertainties hold it: {both}. Did the focus or the "
-        "camera's temperature change? Calibrate them apart for more"
+    asked = (
+        "Did the focus or the camera's temperature change? Calibrate them apart for more"
+        if refuse
+        else "Two cameras, another zoom or focus, or images cropped, scaled or mirrored? More views of one camera tell"
     )
+    message = f"two groups of views differ by {milli:.2g} mrad, and the uncertainties hold it: {both}. {asked}"
     return OneCamera(Check(NAME, "warn", message, groups.chance), _between(scores, groups))
 
 
@@ -265,7 +290,9 @@ def _odd_one_out(y: Array, precision: Array) -> Array:
 
 
 def _apart(scores: ViewScores, offset: Array) -> float:
-    """How far a scale and a shift (3,) move the points seen, rms, over the focal length: radians."""
+    """How far a scale and a shift (3,), and a scale in height (4,), move the points seen, rms, over the focal length:
+    radians."""
     fx, fy, cx, cy = (scores.camera.parameters[n] for n in ("fx", "fy", "cx", "cy"))
-    moved = offset[0] * (scores.pixels - [cx, cy]) + offset[1:]
+    scale = offset[0] + np.array([0.0, offset[3] if len(offset) > 3 else 0.0])
+    moved = scale * (scores.pixels - [cx, cy]) + offset[1:3]
     return float(np.sqrt(np.mean(np.sum(moved**2, axis=1)))) / float(np.sqrt(fx * fy))

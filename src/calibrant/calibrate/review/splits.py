@@ -15,6 +15,7 @@ import numpy as np
 
 from calibrant.arrays import Mask
 from calibrant.calibrate.review.view_scores import (
+    ASPECT,
     CENTRE,
     ZOOM,
     OwnOfViews,
@@ -44,11 +45,15 @@ class Split:
 
 
 def named_splits(names: Sequence[str]) -> list[Split]:
-    """By what names have beside their numbers (left01, right01; folders), each against the rest, and every second."""
+    """By what names have beside their numbers (left01, right01; folders), each against the rest, and every second: of
+    the order, and by their numbers, which tell it where views are missing."""
     n = len(names)
     patterns = [_pattern(name) for name in names]
     found = list(dict.fromkeys(patterns))
     masks = [np.arange(n) % 2 == 1]
+    odd = [_last_digit(name) % 2 == 1 for name in names]
+    if not np.array_equal(odd, masks[0]) and not np.array_equal(odd, ~masks[0]):
+        masks.append(np.array(odd))
     if 2 <= len(found) <= _MOST_NAMES:
         parts = [np.array([p == pattern for p in patterns]) for pattern in found]
         masks += parts[1:] if len(parts) == 2 else parts
@@ -60,6 +65,12 @@ def _pattern(name: str) -> str:
     """A file's folder and name with its numbers blanked: what tells series apart."""
     path = PurePath(name)
     return f"{path.parent}/{re.sub(r'[0-9]+', '#', path.stem)}"
+
+
+def _last_digit(name: str) -> int:
+    """The last digit of a file's name, by which it is even or odd; 0 where it has none."""
+    numbers = re.findall(r"[0-9]+", PurePath(name).stem)
+    return int(numbers[-1][-1]) if numbers else 0
 
 
 def _large_enough(second: Mask) -> bool:
@@ -74,15 +85,17 @@ def ordered_splits(scores: ViewScores, own: tuple[str, ...]) -> list[Split]:
 
 
 def clustered_splits(scores: ViewScores, own: tuple[str, ...], lenses: OwnOfViews) -> list[Split]:
-    """The parting that the views' own scales and shifts propose, each view moved to where it fits until none moves."""
-    columns = [0] if own == (ZOOM,) else [1, 2]
+    """The parting that the views' own scales, shifts and heights propose, each view moved to where it fits until none
+    moves. Args: lenses, of the columns in the order of `CHOICES`."""
+    columns = {ZOOM: [0], CENTRE: [1, 2], ASPECT: [3]}[own[0]]
     best: list[Mask] = []
+    n = len(scores)
     for column in columns:
         rank = np.argsort(np.argsort(lenses.value[:, column]))
-        cuts = [rank >= at for at in range(FEWEST, len(scores) - FEWEST + 1)]
+        cuts = [rank >= at for at in range(FEWEST, n - FEWEST + 1)]
         best += _strongest(scores, cuts, own)[:1]
     out = [_settled(scores, second, own) for second in best]
-    return [Split(m, FAMILIES * 2.0 ** (len(scores) - 1), "any") for m in out if _large_enough(m)]
+    return [Split(m, FAMILIES * 2.0 ** (n - 1), "any") for m in out if _large_enough(m)]
 
 
 def _strongest(scores: ViewScores, masks: Sequence[Mask], own: tuple[str, ...]) -> list[Mask]:
@@ -114,5 +127,11 @@ def _settled(scores: ViewScores, second: Mask, own: tuple[str, ...]) -> Mask:
     return second
 
 
-CHOICES: tuple[tuple[str, ...], ...] = ((ZOOM,), (CENTRE,))
+def all_splits(n: int) -> list[Split]:
+    """Every parting of a few views in two."""
+    bits = np.arange(1, 2 ** (n - 1))
+    return [Split((b >> np.arange(n)) % 2 == 1, float(len(bits)), "any") for b in bits]
+
+
+CHOICES: tuple[tuple[str, ...], ...] = ((ZOOM,), (CENTRE,), (ASPECT,))
 """What two lenses may differ in, asked one after the other: together they would need more views."""

@@ -27,12 +27,12 @@ from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, View
 from calibrant.optimize.chances import chi2_tail
 
-ZOOM, CENTRE, BEND, STRETCH = "zoom", "centre", "bend", "stretch"
+ZOOM, CENTRE, ASPECT, BEND, STRETCH = "zoom", "centre", "aspect", "bend", "stretch"
 ASKEW, SKEW, SHEAR, RADIAL = "askew", "skew", "shear", "radial"
-"""Columns beside the lens's: the image scaled about the principal point (1); shifted (px); the board bent in its three
-quadratic modes (mm); stretched along its x (1); its rows shifted along x in proportion to y (1); the image's rows
-shifted in proportion to their place, along x and y (px an image), and along x alone, for what all views share; the
-image stretched with the square of the distance from the principal point (px at the rim)."""
+"""Columns beside the lens's: the image scaled about the principal point (1); shifted (px); scaled in height alone (1);
+the board bent in its three quadratic modes (mm); stretched along its x (1); its rows shifted along x in proportion to y
+(1); the image's rows shifted in proportion to their place, along x and y (px an image), and along x alone, for what all
+views share; the image stretched with the square of the distance from the principal point (px at the rim)."""
 POSE = 6
 _MOST_LENS_PARAMETERS = 30
 """A splined lens has hundreds, each seen in a corner of the image: its views are compared by scale and shift alone."""
@@ -138,7 +138,7 @@ def view_scores(rows: Rows) -> ViewScores | None:
     if k_all > _MOST_LENS_PARAMETERS:
         free = np.array([camera.model.index(n) for n in ("fx", "fy", "cx", "cy")])
     k = len(free)
-    names = {ZOOM: 1, CENTRE: 2, BEND: 3, STRETCH: 1, ASKEW: 1, SKEW: 2, RADIAL: 1}
+    names = {ZOOM: 1, CENTRE: 2, ASPECT: 1, BEND: 3, STRETCH: 1, ASKEW: 1, SKEW: 2, RADIAL: 1}
     ends = np.cumsum([k, *names.values()])
     columns = {name: np.arange(a, b) for name, (a, b) in zip(names, pairwise(ends.tolist()))}
     columns[SHEAR] = columns[SKEW][:1]
@@ -196,6 +196,8 @@ def _own_columns(X: Array, columns: Mapping[str, Indices], J: Array, rows: Rows)
     X[zoom] = from_centre
     X[centre : centre + 2] = 0.0
     X[centre, :, 0] = X[centre + 1, :, 1] = 1.0
+    aspect = columns[ASPECT][0]
+    X[aspect, :, 0], X[aspect, :, 1] = 0.0, from_centre[:, 1]
     points = rows.stacked.points
     x, y = across(points[:, :2], points[:, :2].min(axis=0), points[:, :2].max(axis=0)).T
     axis, normal = (np.repeat(rows.T_camera_target[:, :3, c], counts, axis=0)[:, :, None] for c in (0, 2))

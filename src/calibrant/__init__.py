@@ -5,12 +5,13 @@ The names below are the public API; each loads what it needs on first use, so th
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
 from calibrant.version import __version__ as __version__
 
+# As `typing` has it, which takes longer to load than Ctrl-C may find nobody to answer it.
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from typing import Any
+
     from calibrant import geometry as geometry
     from calibrant.calibrate.cell.calibrate import calibrate_cell as calibrate_cell
     from calibrant.calibrate.cell.calibrate import calibrate_several as calibrate_several
@@ -110,6 +111,8 @@ __all__ = [*_PUBLIC, "__version__"]
 def __getattr__(name: str) -> Any:
     if name not in _PUBLIC:
         raise AttributeError(f"module 'calibrant' has no attribute {name!r}; it has {', '.join(__all__)}")
+    from importlib import import_module
+
     module, attribute = _PUBLIC[name]
     found = import_module(module)
     value = getattr(found, attribute) if attribute else found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -110,6 +111,19 @@ def test_free_joints_from_joint_values(calibrant, pair: Pair, cell, tmp_path: Pa
         row = rows[f"{name} offset"]
         assert abs(row["correction"] - np.deg2rad(truth)) < 4 * row["sigma"]
     assert "sigma" not in rows["shoulder_pan offset"]
+
+
+def test_copied_photos_are_refused_before_they_are_searched(calibrant, pair: Pair, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(pair.left, copy)
+    outcome = calibrant(
+        "hand-eye", "--images", f"left={pair.left}", "--images", f"right={copy}", "--poses", pair.poses,
+        "--target", "chessboard:3x3:10mm",
+    )  # fmt: skip
+    assert outcome.status == 2
+    assert "are one photo, byte by byte" in outcome.err
+    assert " of left and " in outcome.err
+    assert " of right " in outcome.err
 
 
 @pytest.mark.parametrize(

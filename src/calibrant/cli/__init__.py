@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+# As `typing` has it, which takes longer to load than Ctrl-C may find nobody to answer it.
+TYPE_CHECKING = False
 if TYPE_CHECKING:
     from calibrant.cancel import Token
 

@@ -43,11 +43,9 @@ def finish(outcome: Outcome, call: Call) -> RefusedError | None:
         _show(outcome, seen, verbose=outputs.verbose)
         if written:
             say(f"\nWritten: {', '.join(_listed(written))}\n")
-        if outcome.then is not None:
-            from calibrant.cli.next_command import next_command
-
-            # One line, however long: a terminal that folds it still copies it whole.
-            say(f"To {outcome.then.words}:\n  {next_command(outcome.then, call)}\n")
+        then = _then(outcome, call)
+        if then is not None:
+            say(f"To {then[0]}:\n  {then[1]}\n")
     told = [f"warning: {text}" for text in outcome.warnings]
     if outputs.quiet and outcome.result is not None:
         told += _warnings(outcome.result)
@@ -111,7 +109,7 @@ def _documents(outcome: Outcome, call: Call, seen: Look | None) -> Iterator[Docu
             yield replace(document, path=beside_of(outputs.out, document.path.name, force=outputs.force))
     yield from outcome.documents
     if outputs.report is not None:
-        yield Document(outputs.report, partial(_page_bytes, outcome, seen))
+        yield Document(outputs.report, partial(_page_bytes, outcome, seen, _then(outcome, call)))
 
 
 def _seen(result: CalibrationResult) -> Look:
@@ -120,17 +118,26 @@ def _seen(result: CalibrationResult) -> Look:
     return look(result)
 
 
-def _page_bytes(outcome: Outcome, seen: Look | None) -> bytes:
+def _then(outcome: Outcome, call: Call) -> tuple[str, str] | None:
+    """What to do next in words, and the command, one line, however long: a terminal that folds it copies it whole."""
+    if outcome.then is None:
+        return None
+    from calibrant.cli.next_command import next_command
+
+    return outcome.then.words, next_command(outcome.then, call)
+
+
+def _page_bytes(outcome: Outcome, seen: Look | None, then: tuple[str, str] | None) -> bytes:
     """The task's own page, or the one that every result has."""
     if outcome.page is not None:
         return outcome.page().encode()
-    return b"" if seen is None else _page(seen)
+    return b"" if seen is None else _page(seen, then)
 
 
-def _page(seen: Look) -> bytes:
+def _page(seen: Look, then: tuple[str, str] | None = None) -> bytes:
     from calibrant.reports.html import report_page
 
-    return report_page(seen).encode()
+    return report_page(seen, then=then).encode()
 
 
 def _show(outcome: Outcome, seen: Look | None, *, verbose: bool) -> None:

@@ -37,12 +37,21 @@ def write_report(
     return write_text(report_page(result, images=images), path, force=force)
 
 
-def report_page(result: CalibrationResult | Look, *, images: Mapping[str, str | Path] | None = None) -> str:
-    """The report's HTML, for whoever writes it or shows it. Args: as `write_report`."""
+def report_page(
+    result: CalibrationResult | Look,
+    *,
+    images: Mapping[str, str | Path] | None = None,
+    then: tuple[str, str] | None = None,
+) -> str:
+    """The report's HTML, for whoever writes it or shows it.
+
+    Args: as `write_report`; then, what to do next in words, and the command that does it.
+    """
     expect(result, (CalibrationResult, Look), "the result", "a CalibrationResult, such as cb.read('camera.json')")
     seen = look(result)
     parts = sections(seen, images={view: Path(file) for view, file in (images or {}).items()})
-    page = result_head(seen.result, parts.blocks)
+    after = () if then is None else (Block("command", {"words": then[0], "command": then[1]}),)
+    page = result_head(seen.result, (*after, *parts.blocks))
     drawn = [asset("result.js"), asset("scene.js")] if parts.data is not None else []
     return render(replace(page, data=parts.data, scripts=[*drawn, asset("copy.js")]))
 

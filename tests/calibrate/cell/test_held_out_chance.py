@@ -52,6 +52,9 @@ def test_images_are_excused_only_where_every_cause_was_asked() -> None:
     result = judged_cell(fit, {})
     fine = tuple(Check(name, "ok", "asked") for name in ASKED)
     assert no_cause_repeats(replace(result, checks=fine))
+    # Of a lens that was given with its uncertainty nothing is asked, and what contradicts it counts all the same.
+    assert no_cause_repeats(replace(result, checks=()), ["camera"])
+    assert not no_cause_repeats(replace(result, checks=(Check("given-lens", "warn", "off"),)), ["camera"])
     assert not no_cause_repeats(replace(result, checks=fine[1:]))
     assert not no_cause_repeats(replace(result, checks=(*fine, Check("lens-model", "warn", "off"))))
     assert not no_cause_repeats(replace(result, checks=(*fine[1:], replace(fine[0], status="warn"))))

@@ -11,6 +11,7 @@ from calibrant.errors import InputError
 from calibrant.formats.robots.read import read_robot, robot_text
 from calibrant.formats.robots.urdf import corrected_urdf, new_urdf, parse_urdf
 from calibrant.geometry import rotations, se3
+from calibrant.reading.notes import heard
 from calibrant.robots.arms import arm
 
 ROBOT = """<?xml version="1.0"?>
@@ -179,3 +180,19 @@ def test_robots_by_name_and_what_is_not_there(tmp_path: Path) -> None:
     (tmp_path / "empty.urdf").write_text("")
     with pytest.raises(InputError, match="the file is empty"):
         read_robot(tmp_path / "empty.urdf")
+
+
+def test_what_is_not_used_is_said(tmp_path: Path) -> None:
+    extra = '<transmission name="t"/><gazebo/><gazebo/><!-- nothing --></robot>'
+    shaped = ROBOT.replace('<link name="fore"/>', '<link name="fore"><visual/><collision/></link>')
+    path = tmp_path / "r.urdf"
+    path.write_text(shaped.replace("</robot>", extra))
+    with heard() as notes:
+        read_robot(path, link="upper")
+    assert notes == [
+        f"{path}: not used: joint elbow, joint rail, visual, collision, transmission, gazebo (2)",
+    ]
+    path.write_text(ROBOT)
+    with heard() as notes:
+        read_robot(path, link="tool")
+    assert notes == []

@@ -157,10 +157,13 @@ def scale_check(scale: Measured | None, at_that_size: tuple[float, float] | None
     return Check("target-size", "warn", f"{text}: measure the target, all distances scale with it", scale.value)
 
 
-def image_poses_check(found: ImagePoses | None, robot: SigmaRobot | None, *, repeats: bool = True) -> tuple[Check, ...]:
+def image_poses_check(
+    found: ImagePoses | None, robot: SigmaRobot | None, *, repeats: bool = True, given: bool = False
+) -> tuple[Check, ...]:
     """Whose noise is it: the robot's, or that of target poses from images that err as a whole?
 
-    repeats: whether a cause may stand behind it that all images share (`no_cause_repeats`), which no sigma holds.
+    repeats: whether a cause may stand behind it that all images share (`no_cause_repeats`), which no sigma holds;
+    given: the lens came from elsewhere.
     """
     if found is None or robot is None:
         return ()
@@ -182,10 +185,19 @@ def image_poses_check(found: ImagePoses | None, robot: SigmaRobot | None, *, rep
     )
     if not repeats:
         message = f"{text}: points of an image err alike, anew in each; sigma holds it. {beside}"
+        if given:
+            message += (
+                ". Whether a cause repeats in all images is asked where the lens is found from them, without --camera"
+            )
         return (Check("image-poses", "ok", message, ratio),)
+    cure = (
+        "leave --camera out, so that the lens is found from these images, or give one with its uncertainty"
+        if given
+        else "try calibrant intrinsics --target-shape paraboloid, and a camera from more views (--camera)"
+    )
     message = (
         f"{text}: the lens model, a bent board, or how points are found. {beside}. What all images share no sigma "
-        "knows: try calibrant intrinsics --target-shape paraboloid, and a camera from more views (--camera)"
+        f"knows: {cure}"
     )
     return (Check("image-poses", "warn", message, ratio),)
 

@@ -239,7 +239,7 @@ def _held_out_checks(
 
 def with_images_judged(result: CalibrationResult, cell: Cell, noise: NoiseEstimate, sizes: Sizes) -> CalibrationResult:
     """The reviewed result, images that err as a whole judged by what the review found of their causes."""
-    if not no_cause_repeats(result):
+    if not no_cause_repeats(result, [name for name, role in cell.roles.items() if role.prior is not None]):
         return result
     judged = {c.name: c for c in _image_checks(cell, noise, sizes, repeats=False)}
     checks = tuple(judged.get(c.name, c) for c in result.checks)
@@ -249,7 +249,10 @@ def with_images_judged(result: CalibrationResult, cell: Cell, noise: NoiseEstima
 def _image_checks(cell: Cell, noise: NoiseEstimate, sizes: Sizes, *, repeats: bool = True) -> Iterable[Check]:
     for i, found in sorted(sizes.images.items()):
         robot = sigma_robot(cell, noise, cell.layout.pictures[i].robot)
-        yield from (_named(c, cell.layout.label(i)) for c in questions.image_poses_check(found, robot, repeats=repeats))
+        role = cell.roles.get(cell.layout.pictures[i].camera)
+        given = role is not None and (role.exact or role.prior is not None)
+        checks = questions.image_poses_check(found, robot, repeats=repeats, given=given)
+        yield from (_named(c, cell.layout.label(i)) for c in checks)
 
 
 def _certainty_checks(cell: Cell, solution: Solution, certainty: Certainty) -> Iterable[Check]:

@@ -9,6 +9,7 @@ from calibrant.errors import InputError
 from calibrant.formats.robots.dh_yaml import dh_text, parse_dh
 from calibrant.formats.robots.urdf import UrdfChain, corrected_urdf, new_urdf, parse_urdf
 from calibrant.reading.files import Most, read_text
+from calibrant.reading.notes import note_unused
 from calibrant.robots.arms import ARMS
 from calibrant.robots.dh import DHChain
 from calibrant.robots.geometry import ParametricChain
@@ -41,7 +42,8 @@ class Robot:
 def read_robot(source: str | Path, *, link: str | None = None, base: str | None = None) -> Robot:
     """A robot from a URDF or a DH table (YAML), or one known by name, such as ur5e.
 
-    Args: link, base: ends of the chain, for URDF. Raises: InputError: no such file or name, no robot in it.
+    Args: link, base: ends of the chain, for URDF; what else that holds is noted as not used.
+    Raises: InputError: no such file or name, no robot in it.
     """
     path = Path(source)
     if not path.exists():
@@ -55,6 +57,7 @@ def read_robot(source: str | Path, *, link: str | None = None, base: str | None 
         raise InputError(f"{path}: the file is empty; expected a URDF or a DH table (YAML)")
     if path.suffix.lower() in URDF_SUFFIXES or text.lstrip().startswith("<"):
         urdf = parse_urdf(text, str(path), link=link, base=base)
+        note_unused(str(path), urdf.unused)
         return Robot(urdf.chain, str(path), urdf)
     return _without_links(Robot(parse_dh(text, str(path)), str(path)), link, base)
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from calibrant.arrays import Array
 from calibrant.errors import InputError
-from calibrant.formats.robots.urdf_tree import UrdfJoint, check_tree, listed, only_leaf, only_root
+from calibrant.formats.robots.urdf_tree import UrdfJoint, check_tree, listed, only_leaf, only_root, unused
 from calibrant.geometry import rotations, se3
 from calibrant.robots.chain import Joint, KinematicChain
 from calibrant.robots.links import LinkChain, Load, Mover, as_links
@@ -26,7 +26,10 @@ _MOVING = ("revolute", "continuous", "prismatic")
 
 @dataclass(frozen=True, eq=False)
 class UrdfChain:
-    """A chain read from URDF text: from link `base` to link `tip` through the joints `path`, fixed ones too."""
+    """A chain read from URDF text: from link `base` to link `tip` through the joints `path`, fixed ones too.
+
+    unused: what the file has beside it, in words.
+    """
 
     chain: LinkChain
     base: str
@@ -34,6 +37,7 @@ class UrdfChain:
     path: tuple[str, ...]
     text: str
     source: str
+    unused: tuple[str, ...] = ()
 
 
 def parse_urdf(text: str, source: str, *, link: str | None = None, base: str | None = None) -> UrdfChain:
@@ -61,7 +65,9 @@ def parse_urdf(text: str, source: str, *, link: str | None = None, base: str | N
         path.insert(0, by_child[at])
         at = by_child[at].parent
     chain = _chain(path, joints, root, source)
-    return UrdfChain(chain, start, tip, tuple(j.name for j in path), text, source)
+    names = tuple(j.name for j in path)
+    driven = (*names, *(j.name for j in chain.joints))
+    return UrdfChain(chain, start, tip, names, text, source, tuple(unused(root, driven, joints)))
 
 
 def corrected_urdf(original: UrdfChain, chain: LinkChain) -> str:

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from calibrant.arrays import Array
 from calibrant.errors import InputError
 
+_USED_OF = {"link": ("inertial",), "joint": ("origin", "parent", "child", "axis", "limit", "mimic")}
+"""What is read of a robot's elements. Comments in them have no name."""
 _LISTED = 12
 """Names in a message: more scroll away."""
 
@@ -92,6 +94,23 @@ def only_leaf(base: str, joints: Sequence[UrdfJoint], source: str) -> str:
     if len(leaves) != 1:
         raise InputError(f"{source}: the robot ends in several links ({listed(leaves)}); choose one with --robot-link")
     return leaves[0]
+
+
+def unused(root: ET.Element, path: Sequence[str], joints: Sequence[UrdfJoint]) -> list[str]:
+    """What a chain through the joints `path` takes nothing from: other moving joints by name, the rest by its tags.
+
+    Of a link the mass and its place are used, of a joint of the chain what moves it and its limits.
+    """
+    out = [f"joint {j.name}" for j in joints if j.kind != "fixed" and j.name not in path]
+    tags: Counter[str] = Counter()
+    for element in root:
+        if not isinstance(element.tag, str):  # a comment
+            continue
+        if element.tag not in _USED_OF:
+            tags[element.tag] += 1
+        elif element.tag == "link" or element.get("name") in path:
+            tags.update(e.tag for e in element if isinstance(e.tag, str) and e.tag not in _USED_OF[element.tag])
+    return [*out, *(f"{tag} ({times})" if times > 1 else tag for tag, times in tags.items())]
 
 
 def listed(names: Sequence[str]) -> str:

@@ -3,6 +3,7 @@ them."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -87,6 +88,7 @@ def read_lists(names: Names, common: ListRequest, *, joined: bool) -> list[ReadL
     together, else a moment is called as its photo.
     Raises: InputError, RefusedError as the parts do.
     """
+    _refuse_shared_photos(names, common)
     lists: list[ReadList] = []
     # Where both robots move the doctor has no say: how their poses are read may follow from their other lists.
     for camera, robot in sorted(names.images, key=lambda item: ":" in item[1]):
@@ -94,21 +96,32 @@ def read_lists(names: Names, common: ListRequest, *, joined: bool) -> list[ReadL
             lists.append(_read_between(names, common, camera, robot, lists))
         else:
             lists.append(_read_one(names, common, camera, robot, joined=joined))
-    _refuse_shared_photos(lists)
     return lists
 
 
-def _refuse_shared_photos(lists: Sequence[ReadList]) -> None:
-    """A photo under two cameras' names is one measurement that would count twice. Raises: InputError."""
-    owner: dict[Path, str] = {}
-    for read in lists:
-        seen = None if read.pictures is None else read.pictures.seen
-        for file in [view.file for view in seen.views if view.file is not None] if seen is not None else []:
-            first = owner.setdefault(Path(file).resolve(), read.camera)
-            if first != read.camera:
-                raise InputError(
-                    f"--images: {file} is a photo of {first} and of {read.camera}; each camera has photos of its own"
+def _refuse_shared_photos(names: Names, common: ListRequest) -> None:
+    """A photo under two cameras' names is one measurement that would count twice, a copy of it too. Raises: InputError
+    before anything is searched."""
+    if len({camera for camera, _ in names.images}) < 2:
+        return
+    files = {
+        (camera, robot): replace(common, images=tuple(given), target=names.target_of(camera)).source.files()
+        for (camera, robot), given in names.images.items()
+    }
+    sizes = Counter(f.stat().st_size for listed in files.values() for f in listed)
+    owner: dict[str, tuple[str, Path]] = {}
+    for (camera, _), listed in files.items():
+        # Files of a size of their own are copies of none.
+        for record in session.file_records(f for f in listed if sizes[f.stat().st_size] > 1):
+            first, file = owner.setdefault(record["sha256"], (camera, Path(record["file"])))
+            if first != camera:
+                same = file.resolve() == Path(record["file"]).resolve()
+                found = (
+                    f"{file} is a photo of {first} and of {camera}"
+                    if same
+                    else f"{file} of {first} and {record['file']} of {camera} are one photo, byte by byte"
                 )
+                raise InputError(f"--images: {found}; each camera has photos of its own: give {camera} another folder")
 
 
 def alone_request(names: Names, common: ListRequest, camera: str, robot: str, poses_of: str) -> ListRequest:

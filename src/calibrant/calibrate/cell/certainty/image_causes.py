@@ -8,6 +8,8 @@ the rest where each was asked, could be told, and was not found.
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from calibrant.calibrate.review import board_shape
 from calibrant.data import CalibrationResult
 
@@ -17,11 +19,17 @@ CAUSES = (*ASKED, board_shape.POINTS, board_shape.LENS, "image-shear", "lens-by-
 UNTOLD = (board_shape.FLATNESS_UNTOLD, board_shape.SQUARES_UNTOLD)
 
 
-def no_cause_repeats(result: CalibrationResult) -> bool:
-    """Whether every camera's views were asked for each cause, and show none. A lens that was given is not asked."""
+def no_cause_repeats(result: CalibrationResult, given: Collection[str] = ()) -> bool:
+    """Whether every camera's views were asked for each cause, and show none.
+
+    given: cameras that came with their uncertainty. They are not asked, as the answers would be those of other photos:
+    of them it is enough that nothing contradicts them.
+    """
     mine = {c.name: c for c in result.checks if c.name.startswith(CAUSES)}
     several = len(result.cameras) > 1
-    asked = [f"{name}-{camera}" if several else name for name in ASKED for camera in result.cameras]
-    if not asked or any(name not in mine for name in asked):
+    asked = [
+        f"{name}-{camera}" if several else name for name in ASKED for camera in result.cameras if camera not in given
+    ]
+    if not (asked or given) or any(name not in mine for name in asked):
         return False
     return all(c.status == "ok" and c.message not in UNTOLD for c in mine.values())

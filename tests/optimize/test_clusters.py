@@ -10,7 +10,14 @@ import pytest
 from calibrant.calibrate.intrinsics.one_model import calibrate_keeping
 from calibrant.errors import InputError
 from calibrant.optimize.chances import t_interval
-from calibrant.optimize.clusters import Clusters, cluster_scores, clustered_covariance, influence, square_root
+from calibrant.optimize.clusters import (
+    Clusters,
+    cluster_scores,
+    clustered_covariance,
+    corrected,
+    influence,
+    square_root,
+)
 from calibrant.optimize.factors import Factor
 from calibrant.simulate.scenes import intrinsics_scene
 
@@ -106,3 +113,16 @@ def test_a_square_root_knows_units_and_held_directions() -> None:
     assert not root[1].any()
     assert root @ root.T == pytest.approx(C, rel=1e-12)
     assert inverse @ root == pytest.approx(np.eye(2), abs=1e-9)
+
+
+def test_clusters_are_corrected_alike_by_series_and_by_eigenvalues() -> None:
+    """(I - G)^-1/2 z, for clusters of next to nothing up to ones that determine a direction by themselves."""
+    rng = np.random.default_rng(4)
+    axes = np.linalg.qr(rng.normal(size=(8, 5, 5)))[0]
+    values = np.linspace(0.02, 0.99, 8)[:, None] * rng.uniform(0.2, 1.0, size=(8, 5))
+    G = (axes * values[:, None, :]) @ np.swapaxes(axes, 1, 2)
+    z = rng.normal(size=(8, 5))
+    wanted = np.einsum("gab,gb,gcb,gc->ga", axes, 1 / np.sqrt(1 - values), axes, z)
+    norms = np.sqrt(np.sum(G**2, axis=(1, 2)))
+    assert norms.min() < 0.5 < norms.max()  # both ways are taken
+    np.testing.assert_allclose(corrected(z, G, root=np.eye(5)).scores, wanted, rtol=1e-12, atol=1e-13)

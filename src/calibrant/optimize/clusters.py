@@ -103,11 +103,18 @@ def cluster_scores(rows: Array, residuals: Array, labels: Indices, *, root: Arra
 
 def corrected(sums: Array, G: Array, *, root: Array) -> Clusters:
     """Clusters of the scores z_g (n, p) and G_g (n, p, p): see the top of the module."""
-    values, axes = np.linalg.eigh(np.eye(G.shape[1]) - G)
-    known = values > _OWN
-    spread = np.where(known, 1 / np.sqrt(np.where(known, values, 1.0)), 0.0)
-    turned = (sums[:, None, :] @ axes)[:, 0] * spread
-    return Clusters((axes @ turned[:, :, None])[:, :, 0], root)
+    from calibrant.optimize import cluster_kernels
+
+    n, p = sums.shape
+    scores, large = np.empty((n, p)), np.zeros(n, dtype=np.bool_)
+    cluster_kernels.corrected(sums, G, np.empty((2, p)), scores, large)
+    if large.any():
+        values, axes = np.linalg.eigh(np.eye(p) - G[large])
+        known = values > _OWN
+        spread = np.where(known, 1 / np.sqrt(np.where(known, values, 1.0)), 0.0)
+        turned = (sums[large][:, None, :] @ axes)[:, 0] * spread
+        scores[large] = (axes @ turned[:, :, None])[:, :, 0]
+    return Clusters(scores, root)
 
 
 def influence(

@@ -10,6 +10,7 @@ import pytest
 from calibrant.calibrate.review.residuals import (
     ViewResiduals,
     fitted_poses,
+    own_poses,
     seen_poses,
     structure_check,
     view_residuals,
@@ -69,6 +70,18 @@ def test_what_the_camera_sees_does_not_lean_on_stated_poses() -> None:
     seen = seen_poses(result)
     np.testing.assert_allclose([seen["camera", str(i)] for i in range(3)], T, atol=1e-7)
     assert seen_poses(replace(result, cameras={})) == {}
+
+
+def test_used_views_are_moved_to_where_their_points_have_them() -> None:
+    T = _poses(4)
+    stated = se3.retract(T, [0, 0, 0.01, 0, 0, 0.01])
+    result = _intrinsics(stated, _observations(T))
+    own = own_poses(result, fitted_poses(result))
+    assert [view for _, view in own] == ["0", "2", "3"]
+    np.testing.assert_allclose(list(own.values()), T[[0, 2, 3]], atol=1e-7)
+    # From behind the camera there is no way to the points: such views are fitted anew.
+    behind = {key: se3.retract(pose, [0, 0, 0, 0, 0, -2.0]) for key, pose in fitted_poses(result).items()}
+    np.testing.assert_allclose(list(own_poses(result, behind).values()), T[[0, 2, 3]], atol=1e-7)
 
 
 def test_a_view_without_a_stated_pose_is_fitted() -> None:

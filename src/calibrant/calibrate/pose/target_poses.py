@@ -86,6 +86,14 @@ def target_poses(camera: Camera, views: Sequence[View], *, loss: Loss | None = N
     )
 
 
+def poses_from(camera: Camera, views: Sequence[View], start: Array) -> Array:
+    """T_camera_target (m, 4, 4) of the least reprojection error next to `start` (m, 4, 4), camera held.
+
+    Raises: InputError for a start at which the camera does not see a point.
+    """
+    return _refined_poses(camera, stack(views), start, None, 1.0)[0]
+
+
 def _starts(views: StackedViews, rays: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     """T_camera_target (m, 4, 4), normals (m, 3) of the views' best planes, target frame, and where there is a pose."""
     m = len(views.offsets) - 1

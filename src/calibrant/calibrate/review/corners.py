@@ -15,6 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibrant.arrays import Array
+from calibrant.calibrate.reprojection.derivatives import derivatives
 from calibrant.cameras import Camera
 from calibrant.geometry import so3
 
@@ -54,7 +55,7 @@ def _rays(camera: Camera, pixels: Array) -> Array:
     fx, fy, cx, cy = (camera.parameters[n] for n in ("fx", "fy", "cx", "cy"))
     rays = np.column_stack([(pixels - [cx, cy]) / [fx, fy], np.ones(len(pixels))])
     for _ in range(_STEPS):
-        uv, J, _ = camera.model.project_with_jacobians(camera.values, rays)
+        uv, J, _ = derivatives(camera, rays)
         J = J[:, :, :2]
         determinant = J[:, 0, 0] * J[:, 1, 1] - J[:, 0, 1] * J[:, 1, 0]
         if not determinant.min() > 0:  # beyond the fold, or no pixel at all
@@ -71,5 +72,5 @@ def _rays(camera: Camera, pixels: Array) -> Array:
 
 def _derivatives(camera: Camera, points: Array) -> tuple[Array, Array]:
     """d pixel / d (turn of the camera) (n, 2, 3) and / d parameters (n, 2, k) at points of the camera frame."""
-    _, J_point, J_lens = camera.model.project_with_jacobians(camera.values, points)
+    _, J_point, J_lens = derivatives(camera, points)
     return -J_point @ so3.hat(points), J_lens

@@ -10,7 +10,7 @@ import numpy as np
 from calibrant.arrays import Array
 from calibrant.calibrate.review.board_shape import ask_board
 from calibrant.calibrate.review.one_camera import OneCamera, one_camera
-from calibrant.calibrate.review.residuals import Structure, seen_poses
+from calibrant.calibrate.review.residuals import Structure, own_poses
 from calibrant.calibrate.review.shutter import shutter_checks
 from calibrant.calibrate.review.view_scores import ViewScores, as_photos_make_it, rows_of, view_scores
 from calibrant.data import CalibrationResult, Check, verdict_of
@@ -31,7 +31,7 @@ def with_view_checks(
     own = poses if result.is_about_cameras else None
     for name in result.cameras:
         if own is None:
-            own = seen_poses(result)
+            own = own_poses(result, poses)
         checks, held = _asked(result, name, own, structures.get(name))
         asked = [c if alone else replace(c, name=f"{c.name}-{name}") for c in checks]
         asked = [c for c in asked if c.name not in known]

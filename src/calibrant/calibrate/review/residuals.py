@@ -12,7 +12,7 @@ statistics look for it, both on residuals divided by their view's noise and free
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,6 +75,29 @@ def seen_poses(result: CalibrationResult) -> dict[tuple[str, str], Array]:
     Views of a camera that is not calibrated, or that determine no pose, are absent.
     """
     return _fitted_poses(result, result.observations.views if result.observations else ())
+
+
+def own_poses(result: CalibrationResult, poses: Mapping[tuple[str, str], Array]) -> dict[tuple[str, str], Array]:
+    """Poses of the used views, each moved to where the view's points alone have it, the camera held.
+
+    Of the two poses of a flat target that near the one given. Args: poses, T_camera_target by (camera, view id).
+    """
+    from calibrant.calibrate.pose.target_poses import poses_from  # compiled code: only where there is a lens
+
+    used = {(result.camera_of(v), v.id) for v in result.views if v.used}
+    views = result.observations.views if result.observations else ()
+    own: dict[tuple[str, str], Array] = {}
+    for name, camera in result.cameras.items():
+        mine = [v for v in views if v.camera == name and len(v) and (name, v.id) in used and (name, v.id) in poses]
+        if not mine:
+            continue
+        try:
+            T = poses_from(camera, mine, np.stack([poses[name, v.id] for v in mine]))
+        except InputError:  # a point that was left out may lie behind the camera
+            own |= _fitted_poses(replace(result, cameras={name: camera}), mine)
+            continue
+        own |= {(name, view.id): pose for view, pose in zip(mine, T, strict=True)}
+    return own
 
 
 def view_residuals(result: CalibrationResult, poses: Mapping[tuple[str, str], Array]) -> tuple[ViewResiduals, ...]:

@@ -20,6 +20,7 @@ from itertools import pairwise
 import numpy as np
 
 from calibrant.arrays import Array, Indices, Mask
+from calibrant.calibrate.reprojection.derivatives import derivatives
 from calibrant.calibrate.reprojection.factor import StackedViews, stack
 from calibrant.calibrate.reprojection.outliers import MINIMUM_POINTS, mark
 from calibrant.calibrate.review.target_points import across, target_points
@@ -111,7 +112,7 @@ def rows_of(result: CalibrationResult, camera_name: str, poses: Mapping[tuple[st
     T = np.stack([poses[camera_name, v.id] for v in views])
     view = np.repeat(np.arange(len(views)), np.diff(stacked.offsets))
     seen_from = (T[view, :3, :3] @ stacked.points[:, :, None])[..., 0]
-    pixels, J_point, J_lens = camera.model.project_with_jacobians(camera.values, seen_from + T[view, :3, 3])
+    pixels, J_point, J_lens = derivatives(camera, seen_from + T[view, :3, 3])
     residuals = pixels - stacked.uv
     norms = np.sqrt(np.einsum("ni,ni->n", residuals, residuals))
     finite = np.isfinite(norms) & np.isfinite(J_lens).all(axis=(1, 2))

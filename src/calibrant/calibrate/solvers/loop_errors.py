@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calibrant.arrays import Array
+from calibrant.calibrate.reprojection.outliers import median
 from calibrant.calibrate.solvers.relative import PosePairs, pose_pairs, sample
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
@@ -84,7 +85,7 @@ def consistency_of(pairs: PosePairs, X: ArrayLike) -> LoopConsistency:
     Z_i = _loops(pairs, X)
     Z = _median_transform(Z_i)
     view_mm, view_deg = se3.deviation(Z, Z_i)
-    median_mm, median_deg = float(np.median(view_mm)), float(np.median(view_deg))
+    median_mm, median_deg = median(view_mm), median(view_deg)
     size_mm, size_deg = _motion_size(pairs)
     score = max(_ratio(median_mm, size_mm), _ratio(median_deg, size_deg))
     return LoopConsistency(median_mm, median_deg, view_mm, view_deg, Z, score)
@@ -99,8 +100,8 @@ def _motion_size(pairs: PosePairs) -> tuple[float, float]:
     """
     rows = sample(len(pairs), MOST_FOR_SIZE)
     spread_a, spread_b = (se3.deviation(_median_transform(T), T) for T in (pairs.A[rows], pairs.B[rows]))
-    size_mm = max(float(np.median(spread_a[0])), float(np.median(spread_b[0])))
-    return size_mm, max(float(np.median(spread_a[1])), float(np.median(spread_b[1])))
+    size_mm = max(median(spread_a[0]), median(spread_b[0]))
+    return size_mm, max(median(spread_a[1]), median(spread_b[1]))
 
 
 def _loops(pairs: PosePairs, X: ArrayLike) -> Array:
@@ -138,7 +139,7 @@ def _weiszfeld_step(delta: Array) -> tuple[Array, bool]:
     length = np.sqrt(np.sum(delta * delta, axis=1))
     weight = 1 / np.maximum(length, 1e-12)
     step = (weight / weight.sum()) @ delta
-    return step, float(np.sqrt(step @ step)) <= 1e-3 * float(np.median(length))
+    return step, float(np.sqrt(step @ step)) <= 1e-3 * median(length)
 
 
 def _rms(values: Array) -> float:

@@ -62,3 +62,6 @@ def test_every_flip_is_undone_in_any_reading_of_the_robot() -> None:
     first, second = (np.where(pick[:, None, None], wrong, right) for pick in (flipped, ~flipped))
     sides = [so3.random(rng, 12), np.swapaxes(R_A, 1, 2), R_A]
     np.testing.assert_array_equal(right_branches(sides, first, second), flipped)
+    one = np.arange(12) % 3 > 0  # the others have two poses
+    first[one] = second[one] = right[one]
+    np.testing.assert_array_equal(right_branches(sides, first, second), flipped & ~one)

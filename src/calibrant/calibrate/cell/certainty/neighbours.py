@@ -87,9 +87,12 @@ def _pattern(errors: PoseErrors, own: Array, pull: Array, F: Array, *, of_order:
     z = (F.T @ own).ravel()
     pulled = (F.T @ pull.reshape(n, -1)).reshape(-1, s, 6).transpose(1, 0, 2).reshape(s, -1)
     M = np.kron(F.T @ F, np.eye(6)) - pulled.T @ errors.covariance @ pulled
-    logs = []
+    logs, bordered = [], np.zeros((len(z) + 1, len(z) + 1))
+    bordered[-1, :-1], bordered[-1, -1] = z, 1 + 2 * z @ z
     for level in LEVELS:
-        root = np.linalg.cholesky(np.eye(len(z)) + level * M)
-        left = np.linalg.solve(root, z)
-        logs.append(0.5 * level * float(left @ left) - float(np.sum(np.log(np.diag(root)))))
+        # With z as one row more, the factor's last row is root^-1 z.
+        bordered[:-1, :-1] = np.eye(len(z)) + level * M
+        root = np.linalg.cholesky(bordered)
+        left = root[-1, :-1]
+        logs.append(0.5 * level * float(left @ left) - float(np.sum(np.log(np.diag(root)[:-1]))))
     return _Pattern(of_order, np.array(logs), errors.covariance @ pulled)

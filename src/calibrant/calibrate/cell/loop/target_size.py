@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.arrays import Array
 from calibrant.calibrate.cell.loop.noise import LoopNoise, fit_loop_noise
 from calibrant.calibrate.cell.problem.views import HandEyeViews
+from calibrant.calibrate.reprojection.derivatives import derivatives
 from calibrant.calibrate.reprojection.factor import stack
 from calibrant.calibrate.solvers.setup import Setup
 from calibrant.cameras import Camera
@@ -71,11 +74,16 @@ def camera_share(camera: Camera, data: HandEyeViews, rows: NDArray[np.intp]) -> 
     kept = values > 0
     L = axes[:, kept] * np.sqrt(values[kept])
     stacked = stack(data.views)
-    out = np.empty((len(rows), 6, L.shape[1]))
-    for k, i in enumerate(rows):
-        mine = slice(stacked.offsets[i], stacked.offsets[i + 1])
-        arm = stacked.points[mine] @ data.B[i, :3, :3].T
-        _, of_point, of_camera = camera.model.project_with_jacobians(camera.values, arm + data.B[i, :3, 3])
-        of_pose = np.concatenate([-of_point @ so3.hat(arm), of_point], axis=2) / stacked.sigma[mine, None, None] ** 2
-        out[k] = -data.covariance[i] @ np.einsum("nai,nap->ip", of_pose, of_camera @ L)
+    ends, out = stacked.offsets, np.empty((len(rows), 6, L.shape[1]))
+    mine = np.concatenate([np.arange(ends[i], ends[i + 1]) for i in rows])
+    B = np.repeat(data.B[rows], np.diff(ends)[rows], axis=0)
+    arm = np.einsum("nij,nj->ni", B[:, :3, :3], stacked.points[mine])
+    _, of_point, of_camera = derivatives(camera, arm + B[:, :3, 3])
+    weighted = of_point / stacked.sigma[mine, None, None] ** 2
+    of_pose = np.concatenate([-weighted @ so3.hat(arm), weighted], axis=2)
+    by_error = of_camera @ L
+    stops = np.cumsum(np.diff(ends)[rows])
+    for k, (first, last) in enumerate(pairwise((0, *stops.tolist()))):
+        pull = of_pose[first:last].reshape(-1, 6).T @ by_error[first:last].reshape(-1, L.shape[1])
+        out[k] = -data.covariance[rows[k]] @ pull
     return out

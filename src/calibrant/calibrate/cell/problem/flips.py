@@ -51,6 +51,10 @@ def _of_side(R_A: Array, R: Array, triples: NDArray[np.intp]) -> tuple[float, Ch
     """The best hypothesis of one way to read the robot: its score and choice."""
     choices = np.array(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij")).reshape(3, 8).T
     rows, picks = np.repeat(triples, 8, axis=0), np.tile(choices, (len(triples), 1))
+    # A view with one pose has nothing to choose.
+    open_ = (R[:, 0] != R[:, 1]).any(axis=(1, 2))
+    distinct = ~((picks == 1) & ~open_[rows]).any(axis=1)
+    rows, picks = rows[distinct], picks[distinct]
     A, B = R_A[rows], R[rows, picks]
     one, other = [0, 1, 0], [1, 2, 2]
     a = odd_part(np.swapaxes(A[:, other], -1, -2) @ A[:, one])

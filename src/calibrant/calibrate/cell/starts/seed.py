@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from calibrant.arrays import Array
 from calibrant.calibrate.cell.starts.robust import robust_fit
+from calibrant.calibrate.reprojection.outliers import median
 from calibrant.calibrate.solvers.loop_errors import (
     LoopConsistency,
     LoopErrors,
@@ -131,7 +132,7 @@ def _ratios(loop: LoopConsistency, certainty: Array) -> Array:
     """Deviation of each view over what is typical, the larger of distance and angle."""
     ratios = []
     for deviations, floor in ((loop.view_mm, 1e3 * GROSS_FLOOR[0]), (loop.view_deg, np.rad2deg(GROSS_FLOOR[1]))):
-        sigma = max(float(np.median(deviations)) / MAXWELL_MEDIAN, floor)
+        sigma = max(median(deviations) / MAXWELL_MEDIAN, floor)
         ratios.append(deviations / (sigma * certainty))
     return np.asarray(np.maximum(*ratios), dtype=np.float64)
 

@@ -165,3 +165,65 @@ def test_bad_input() -> None:
         calibrate_rig(scene.of_camera("left"))
     with pytest.raises(InputError, match="no camera 'top'"):
         calibrate_rig(scene, reference="top")
+
+
+# Two kinds of eyes: each camera has its own size and model, is known, guessed or found, and is held in part.
+
+LENS = {"fx": 300.0, "fy": 300.0, "cx": 322.0, "cy": 238.0, "k1": 0.02, "k2": -0.01}
+WIDE = Camera.create("kannala_brandt", LENS, image_size=(640, 480))
+
+
+def mixed_scene(seed: int, *, sigma: float) -> Observations:
+    """A long lens and a wide one at half the resolution, turned by a quarter about the optical axis."""
+    rng = np.random.default_rng(seed)
+    views = []
+    for m, T in enumerate(look_at_board(CAMERA, POINTS, 14, rng=rng, distance=(0.4, 0.6))):
+        for name, camera, M in (("long", CAMERA, np.eye(4)), ("wide", WIDE, T_WIDE_LONG)):
+            uv = camera.project(se3.apply(M @ T, POINTS))
+            inside = np.all((uv > 0) & (uv < np.array(camera.image_size) - 1), axis=1)
+            noisy = uv[inside] + sigma * rng.normal(size=(int(inside.sum()), 2))
+            views.append(View(f"{name}-{m}", POINTS[inside], noisy, np.flatnonzero(inside), name, moment=str(m)))
+    return Observations(tuple(views), {"long": CAMERA.image_size, "wide": WIDE.image_size})
+
+
+T_WIDE_LONG = se3.make(so3.exp([0.02, 0.1, np.pi / 2]), [0.05, -0.02, 0.01])
+
+
+@pytest.mark.parametrize("known", ["found", "given", "guessed"])
+def test_cameras_of_two_models_and_sizes_are_exact_on_exact_data(known: str) -> None:
+    near = replace(WIDE, values=WIDE.values * 1.001)
+    given = {"given": {"cameras": {"wide": WIDE}}, "guessed": {"initial": {"wide": near}}}.get(known, {})
+    result = calibrate_rig(mixed_scene(3, sigma=0.0), model={"wide": "kannala_brandt"}, **given)  # type: ignore[arg-type]
+    np.testing.assert_allclose(result.transform("long", "wide").matrix, se3.inverse(T_WIDE_LONG), atol=1e-6)
+    assert {n: c.model.name for n, c in result.cameras.items()} == {"long": "brown", "wide": "kannala_brandt"}
+    np.testing.assert_allclose(result.cameras["wide"].values, WIDE.values, rtol=1e-5, atol=1e-5)
+
+
+def test_what_is_held_of_one_camera_is_free_in_the_other() -> None:
+    result = calibrate_rig(rig_scene(7), fix={"left": ("k3",), "right": ("focal",)}, initial={"right": CAMERA})
+    left, middle, right = (result.cameras[n].sigma for n in NAMES)
+    assert left["k3"] == 0
+    assert left["fx"] > 0
+    assert min(middle.values()) > 0
+    assert right["fx"] == right["fy"] == 0
+    assert right["k3"] > 0
+    assert result.cameras["right"].parameters["fx"] == CAMERA.parameters["fx"]
+    assert result.options["fix"] == {"left": ["k3"], "right": ["focal"]}
+
+
+def test_a_camera_known_better_than_its_photos_say_tightens_where_it_is() -> None:
+    scene = rig_scene(9)
+    alone = calibrate_rig(scene)
+    held = calibrate_rig(scene, cameras=dict.fromkeys(NAMES, CAMERA))
+    assert normalised(held.transform("left", "right"), truth(0, 2)) < 23  # chi-square of 6, 99.9 %
+    smaller = np.diag(held.transform("left", "right").covariance) / np.diag(alone.transform("left", "right").covariance)
+    assert np.all(smaller < 1)
+
+
+def test_cameras_that_are_not_there_or_given_twice_are_named() -> None:
+    with pytest.raises(InputError, match="intrinsics of camera 'top', which has no pictures; there are left, middle"):
+        calibrate_rig(rig_scene(1), cameras={"top": CAMERA})
+    with pytest.raises(InputError, match="`fix` of camera 'top'"):
+        calibrate_rig(rig_scene(1), fix={"top": ("k3",)})
+    with pytest.raises(InputError, match="'left' is given twice"):
+        calibrate_rig(rig_scene(1), cameras={"left": CAMERA}, initial={"left": CAMERA})

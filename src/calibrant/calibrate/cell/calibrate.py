@@ -18,6 +18,7 @@ from calibrant.calibrate.cell.boards.alike import numbered_alike
 from calibrant.calibrate.cell.certainty.accuracy import RobotAccuracy
 from calibrant.calibrate.cell.certainty.accuracy import robot_accuracy as as_accuracy
 from calibrant.calibrate.cell.certainty.whole import Certainty, certain
+from calibrant.calibrate.cell.lens_choice import MODEL, FixForEach, ForEach, LensChoice, lens_choices, lenses_asked
 from calibrant.calibrate.cell.problem.camera_role import CameraRole
 from calibrant.calibrate.cell.problem.joint_offsets import JointReadings, free_joints
 from calibrant.calibrate.cell.problem.layout import (
@@ -48,7 +49,7 @@ from calibrant.calibrate.cell.starts.cell import CellStart, cell_start
 from calibrant.calibrate.review.review import review
 from calibrant.calibrate.solvers.setup import get_setup
 from calibrant.cameras import Camera
-from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Check, Observations, RobotPoses, ViewResult
+from calibrant.data import CalibrationResult, Check, Observations, RobotPoses, ViewResult
 from calibrant.data.verdicts import refuse_if_failed, stamp
 from calibrant.errors import InputError, RefusedError
 from calibrant.expected import expect
@@ -86,8 +87,9 @@ def calibrate_cell(
     cameras: Mapping[str, Camera] | None = None,
     joints: Mapping[str, JointReadings] | JointReadings | None = None,
     identify: Sequence[str] = ("offsets",),
-    model: str = "brown",
-    fix: Sequence[str] = (),
+    initial: Mapping[str, Camera] | None = None,
+    model: ForEach = MODEL,
+    fix: FixForEach = (),
     robot_accuracy: Mapping[str, Accuracy] | Accuracy | None = None,
 ) -> CalibrationResult:
     """Find where all cameras, targets and robots are, from one weighted problem.
@@ -96,11 +98,11 @@ def calibrate_cell(
 
     Args: robots, poses by robot, or of the only one; pictures, a list of views (or of measured target poses) for each
     camera, robot and setup; cameras, known intrinsics by name, with their covariance where it is known; the others are
-    calibrated from their pictures (`model`, `fix`). joints, what the joints read at the poses' ids: then `identify`
-    (offsets, gear, coupling, geometry) is found too. robot_accuracy: how far the flange is off, rms, of the
-    robot or by robot: metres, "0.3mm", or "0.3mm,0.02deg"; errors of its geometry are then in every sigma. Returns a
-    result of kind "hand-eye" with a transform a camera, its `joint_covariance` over all transforms, and T_a_b of every
-    two cameras on the same body.
+    calibrated from their pictures, with one `model` and `fix` for all or by name, starting where `initial` has them (by
+    name). joints, what the joints read at the poses' ids: then `identify` (offsets, gear, coupling, geometry) is found
+    too. robot_accuracy: how far the flange is off, rms, of the robot or by robot: metres, "0.3mm", or "0.3mm,0.02deg";
+    errors of its geometry are then in every sigma. Returns a result of kind "hand-eye" with a transform a camera, its
+    `joint_covariance` over all transforms, and T_a_b of every two cameras on the same body.
     Raises: InputError for unusable input; RefusedError naming what the pictures do not determine, or contradict.
 
     Example::
@@ -112,9 +114,17 @@ def calibrate_cell(
     """
     told = told_accuracies(robot_accuracy)
     fit = fit_cell(
-        robots, pictures, cameras=cameras, joints=joints, identify=identify, model=model, fix=fix, accuracies=told
+        robots,
+        pictures,
+        cameras=cameras,
+        joints=joints,
+        identify=identify,
+        initial=initial,
+        model=model,
+        fix=fix,
+        accuracies=told,
     )
-    asked: dict[str, object] = {"fix": list(fix)} if fix else {}
+    asked = lenses_asked("", fix, initial=initial)
     asked |= {"identify": list(identify)} if fit.cell.free else {}
     asked |= accuracies_asked(told)
     return judged_cell(fit, asked)
@@ -143,8 +153,9 @@ def fit_cell(
     cameras: Mapping[str, Camera] | None = None,
     joints: Mapping[str, JointReadings] | JointReadings | None = None,
     identify: Sequence[str] = ("offsets",),
-    model: str = "brown",
-    fix: Sequence[str] = (),
+    initial: Mapping[str, Camera] | None = None,
+    model: ForEach = MODEL,
+    fix: FixForEach = (),
     reference: str = "",
     accuracies: Mapping[str, RobotAccuracy] | None = None,
 ) -> CellFit:
@@ -153,19 +164,13 @@ def fit_cell(
     expect(pictures, (list, tuple), "pictures", "a list of Pictures, one for each camera, robot and setup")
     for one in pictures:
         expect(one, Pictures, "one of pictures", "Pictures")
-    expect(cameras, (Mapping, type(None)), "cameras", "known cameras by name")
     where = layout(robots, _with_own_ids(pictures), reference)
     for name in accuracies or {}:
         if name not in where.robots:
             there = ", ".join(where.robots)
             raise InputError(f"the accuracy of robot {name!r}, which has no poses; there are {there or 'none'}")
-    known = dict(cameras or {})
-    for name, camera in known.items():
-        expect(camera, Camera, f"the camera {name}" if name != DEFAULT_CAMERA else "camera", "a Camera")
-        if name not in where.cameras_with_images:
-            there = ", ".join(where.cameras_with_images)
-            raise InputError(f"intrinsics of camera {name!r}, which has no pictures; there are {there or 'none'}")
-    data, roles, left_out = _matched(where, known, model, fix)
+    lenses = lens_choices(where.cameras_with_images, cameras=cameras, initial=initial, model=model, fix=fix)
+    data, roles, left_out = _matched(where, lenses)
     where, data, numbering = numbered_alike(where, data)
     free = {name: free_joints(r, identify) for name, r in _readings(where, joints).items()}
     start = cell_start(where, data, {v.id: v.reason or "" for v in left_out})
@@ -175,8 +180,8 @@ def fit_cell(
         told = {} if where.rig else sizes.targets  # images alone have no size of their own
         freed = {target: (size, with_size_free(cell, noise.solution, target)) for target, size in told.items()}
         held = [name for name, role in cell.roles.items() if role.exact]
-        lenses = {name: found for name in held if (found := with_lens_free(cell, noise.solution, name)) is not None}
-        noise, certainty = certain(cell, noise, freed, accuracies or {}, lenses)
+        loose = {name: found for name in held if (found := with_lens_free(cell, noise.solution, name)) is not None}
+        noise, certainty = certain(cell, noise, freed, accuracies or {}, loose)
     return CellFit(noise, cell, start, left_out, numbering, sizes, certainty)
 
 
@@ -233,7 +238,7 @@ def _with_own_ids(pictures: Sequence[Pictures]) -> list[Pictures]:
 
 
 def _matched(
-    where: Layout, known: Mapping[str, Camera], model: str, fix: Sequence[str]
+    where: Layout, lenses: Mapping[str, LensChoice]
 ) -> tuple[tuple[HandEyeViews, ...], dict[str, CameraRole], tuple[ViewResult, ...]]:
     """What every list saw with its robot poses, the cameras' roles, and views that their own calibration ruled out."""
     data: dict[int, HandEyeViews] = {}
@@ -248,14 +253,14 @@ def _matched(
     for name in where.cameras_with_images:
         lists = {i: p.seen for i, p in enumerate(where.pictures) if p.camera == name and p.seen is not None}
         try:
-            camera = photographed(tuple(lists.values()), known.get(name), model, fix)
+            camera = photographed(tuple(lists.values()), lenses[name])
         except RefusedError as error:
             prefix = f"camera {name}: " if len(where.cameras_with_images) > 1 else ""
             raise RefusedError(f"{prefix}{error}") from error
         for (i, seen), views in zip(lists.items(), camera.views):
             found = _list_views(where, where.pictures[i], replace(seen, views=views), camera)
             data[i] = found.noted(unsharp_views(seen.views))
-        calibrated = name not in known
+        calibrated = lenses[name].given is None
         roles[name] = with_unused(camera.role, [data[i] for i in lists]) if calibrated else camera.role
         left_out += camera.left_out
     return tuple(data[i] for i in sorted(data)), roles, tuple(left_out)

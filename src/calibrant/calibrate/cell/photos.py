@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibrant.arrays import Array
+from calibrant.calibrate.cell.lens_choice import LensChoice
 from calibrant.calibrate.cell.problem.camera_role import CameraRole, found_camera, prior_camera
 from calibrant.calibrate.cell.problem.views import LEAST_SIGMA_PX, HandEyeViews
 from calibrant.calibrate.cell.problem.views import MINIMUM_POINTS as ENOUGH_POINTS
@@ -59,16 +60,17 @@ def named_by_poses(observations: Observations, poses: RobotPoses, *, given_ids: 
     return replace(observations, views=views)
 
 
-def photographed(lists: Sequence[Observations], camera: Camera | None, model: str, fix: Sequence[str]) -> Photographed:
+def photographed(lists: Sequence[Observations], lens: LensChoice) -> Photographed:
     """A camera that is given, or that all its lists of views calibrate. Raises as `calibrate_intrinsics` does."""
     every = tuple(v for seen in lists for v in seen.views)
-    if camera is not None:
-        judged = judge(every, camera)
-        role, views, left_out = prior_camera(camera), judged.views, judged.left_out
+    if lens.given is not None:
+        judged = judge(every, lens.given)
+        role, views, left_out = prior_camera(lens.given), judged.views, judged.left_out
         sigma, seen_at = None, None
     else:
-        kept = calibrate_keeping(replace(lists[0], views=every), model=model, fix=fix)
-        role = found_camera(kept.result.camera, fix)
+        together = replace(lists[0], views=every)
+        kept = calibrate_keeping(together, model=lens.model, fix=lens.fix, initial=lens.initial)
+        role = found_camera(kept.result.camera, lens.fix)
         views, left_out = kept.views, tuple(v for v in kept.result.views if not v.used)
         sigma = max(kept.result.sigma_px or 0.0, LEAST_SIGMA_PX)
         seen_at = dict(zip((v.id for v in views), kept.solution.value("T_camera_target")))

@@ -9,20 +9,31 @@ over all cameras, their places and one target pose a moment, the noise of every 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 from calibrant.calibrate.cell.calibrate import CellFit, fit_cell, judged_cell
+from calibrant.calibrate.cell.lens_choice import MODEL, FixForEach, ForEach, lenses_asked
 from calibrant.calibrate.cell.problem.layout import HANDHELD, Pictures
+from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Observations
 from calibrant.errors import InputError
 from calibrant.expected import expect
 
 
 def calibrate_rig(
-    observations: Observations, *, model: str = "brown", fix: Sequence[str] = (), reference: str | None = None
+    observations: Observations,
+    *,
+    cameras: Mapping[str, Camera] | None = None,
+    initial: Mapping[str, Camera] | None = None,
+    model: ForEach = MODEL,
+    fix: FixForEach = (),
+    reference: str | None = None,
 ) -> CalibrationResult:
     """Calibrate cameras that are fixed to each other from synchronised views; `View.moment` says what is simultaneous.
 
+    cameras: known intrinsics by name, held within their covariance (exact where they have none). The others are
+    calibrated from their views: initial, by name, where that starts; model and fix, one for all cameras or by name,
+    those not named having the default. Cameras may have different models and image sizes.
     reference: the camera whose frame is the rig's, by default the first. The result's transforms lead from it to every
     other camera (parent: reference, child: camera), then between every two others, with their covariance, and its
     `joint_covariance` is over the former.
@@ -35,12 +46,18 @@ def calibrate_rig(
         result = cb.calibrate_rig(cb.Observations((left, right), {"left": (1280, 1024), "right": (1280, 1024)}))
         result.transform("left", "right").matrix
     """
-    fit = fit_rig(observations, model=model, fix=fix, reference=reference)
-    return judged_cell(fit, {"model": model, **({"fix": list(fix)} if fix else {})})
+    fit = fit_rig(observations, cameras=cameras, initial=initial, model=model, fix=fix, reference=reference)
+    return judged_cell(fit, {"model": model} | lenses_asked(model, fix, initial=initial))
 
 
 def fit_rig(
-    observations: Observations, *, model: str = "brown", fix: Sequence[str] = (), reference: str | None = None
+    observations: Observations,
+    *,
+    cameras: Mapping[str, Camera] | None = None,
+    initial: Mapping[str, Camera] | None = None,
+    model: ForEach = MODEL,
+    fix: FixForEach = (),
+    reference: str | None = None,
 ) -> CellFit:
     """The fit behind `calibrate_rig`; arguments and errors as there."""
     expect(observations, Observations, "observations", "Observations of two cameras or more")
@@ -50,4 +67,4 @@ def fit_rig(
     if reference is not None and reference not in names:
         raise InputError(f"no camera {reference!r} in the observations; known: {', '.join(names)}")
     pictures = [Pictures(name, HANDHELD, observations.of_camera(name)) for name in names]
-    return fit_cell({}, pictures, model=model, fix=fix, reference=reference or "")
+    return fit_cell({}, pictures, cameras=cameras, initial=initial, model=model, fix=fix, reference=reference or "")

@@ -57,6 +57,7 @@ HOME = {
     "distributed": {"executors"},
     "cv2": {"opencv"},
     "yaml": {"targets", "formats"},
+    "pupil_apriltags": {"targets"},
 }
 """Heavy libraries and the only packages that may import them."""
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from calibrant.arrays import Array, Grey
 from calibrant.opencv import cv2
+from calibrant.targets.apriltag3 import FAMILIES, tag_cells
 from calibrant.targets.charuco import Charuco
 from calibrant.targets.dictionaries import dictionary_name
 
@@ -56,7 +57,12 @@ def dictionary(name: str) -> Any:
 
 @lru_cache(maxsize=256)
 def marker_cells(name: str, marker_id: int) -> NDArray[np.bool_]:
-    """The marker's cells with its border of one cell, (bits + 2, bits + 2): true is paper, false is ink."""
+    """The marker's cells with its border of one cell, (bits + 2, bits + 2): true is paper, false is ink.
+
+    A tag of one of AprilTag 3's families as it is printed, (total, total). Raises: as `tag_codes`.
+    """
+    if name in FAMILIES:
+        return tag_cells(name, marker_id)
     side = int(dictionary(name).markerSize) + 2
     cells = np.asarray(cv2.aruco.generateImageMarker(dictionary(name), marker_id, side), dtype=np.uint8) > 127
     cells.setflags(write=False)

@@ -17,6 +17,7 @@ from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.opencv import cv2
 from calibrant.targets import Artwork, Disc, MarkerArt, Polygon
+from calibrant.targets.apriltag3 import FAMILIES, tag_cells
 
 _TEXELS = 4096
 """Texels along the longer side: three a pixel when the sheet fills a 1280 px image, well below an image's blur."""
@@ -63,8 +64,10 @@ def rasterise(artwork: Artwork) -> Texture:
 def marker_bits(dictionary: str, marker_id: int) -> NDArray[np.float32]:
     """Cells of a marker with its border, (n, n), 0 ink and 1 paper, top row first.
 
-    Raises: InputError for an unknown dictionary, or an id that it does not hold.
+    Raises: InputError for an unknown dictionary, or an id that it does not hold; as `tag_cells` for AprilTag 3's.
     """
+    if dictionary in FAMILIES:
+        return tag_cells(dictionary, marker_id).astype(np.float32)
     number = getattr(cv2.aruco, dictionary, None)
     if not dictionary.startswith("DICT_") or number is None:
         known = ", ".join(sorted(name for name in dir(cv2.aruco) if name.startswith("DICT_")))

@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from calibrant.arrays import Array
 from calibrant.errors import InputError
-from calibrant.targets.dictionaries import DICTIONARIES, dictionary_name
+from calibrant.targets.apriltag3 import board_dictionary
+from calibrant.targets.dictionaries import DICTIONARIES
 from calibrant.targets.grid import parse_grid
 from calibrant.targets.lengths import check_length, format_length, parse_length
 from calibrant.targets.target import Artwork, MarkerArt, Polygon, Target
@@ -64,7 +65,7 @@ class AprilGrid(Target):
             )
         if self.border not in (1, 2):
             raise InputError(f"the border of the tags is 1 or 2 cells wide, got {self.border}")
-        object.__setattr__(self, "dictionary", dictionary_name(self.dictionary))
+        object.__setattr__(self, "dictionary", board_dictionary(self.dictionary, kind="an AprilGrid"))
         capacity = DICTIONARIES[self.dictionary].capacity
         if self.columns * self.rows > capacity:
             raise InputError(

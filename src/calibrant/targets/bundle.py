@@ -30,11 +30,11 @@ from numpy.typing import NDArray
 from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
-from calibrant.targets.dictionaries import dictionary_name
+from calibrant.targets.apriltag3 import FAMILIES, tag_name
 from calibrant.targets.lengths import parse_coordinate, parse_length
-from calibrant.targets.marker import check_id
+from calibrant.targets.marker import check_id, marker_art
 from calibrant.targets.scale import format_scale, split_scale
-from calibrant.targets.target import Artwork, MarkerArt, Target
+from calibrant.targets.target import Artwork, Target
 from calibrant.targets.yaml_file import read_yaml
 
 SYNTAX = "bundle:FILE with a YAML file of markers and cubes, such as bundle:cube.yaml"
@@ -96,10 +96,11 @@ class Bundle(Target):
                 f"calibrant target marker:{1e3 * sides[0]:g}mm:{self.dictionary}:{self.markers[0][0]}"
             )
         shapes = tuple(
-            MarkerArt(self.dictionary, i, (float(c[0, 0]), float(c[0, 1])), float(side))
+            marker_art(self.dictionary, i, (float(c[0, 0]), float(c[0, 1])), float(side))
             for (i, _), c, side in zip(self.markers, corners, sides, strict=True)
         )
-        edge = 0.25 * float(sides.max())
+        beyond = FAMILIES[self.dictionary].margin if self.dictionary in FAMILIES else 0.0
+        edge = (beyond + 0.25) * float(sides.max())
         low, high = corners[..., :2].min(axis=(0, 1)) - edge, corners[..., :2].max(axis=(0, 1)) + edge
         return Artwork((float(low[0]), float(low[1]), float(high[0]), float(high[1])), shapes)
 
@@ -116,7 +117,7 @@ def parse(fields: Sequence[str]) -> Bundle:
     content = read_yaml(Path(name))
     if not isinstance(content, Mapping) or not isinstance(content.get("dictionary"), str):
         raise InputError(f"bundle file {name} needs `dictionary: NAME` and a list `markers:` or `cubes:`")
-    dictionary = dictionary_name(content["dictionary"])
+    dictionary = tag_name(content["dictionary"])
     try:
         found = [*_markers(content.get("markers") or ()), *_cubes(content.get("cubes") or ())]
         ids = [check_id(i, dictionary) for i, _ in found]

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from calibrant.arrays import Array
 from calibrant.errors import InputError
-from calibrant.targets.dictionaries import DICTIONARIES, dictionary_name
+from calibrant.targets.apriltag3 import board_dictionary
+from calibrant.targets.dictionaries import DICTIONARIES
 from calibrant.targets.grid import parse_grid
 from calibrant.targets.lengths import check_length, format_length, parse_length
 from calibrant.targets.target import Artwork, MarkerArt, Polygon, Target
@@ -54,7 +55,7 @@ class Charuco(Target):
                 f"the marker ({format_length(self.marker)}) must be smaller than the square "
                 f"({format_length(self.square)}); the order is charuco:COLUMNSxROWS:SQUARE:MARKER:DICTIONARY"
             )
-        object.__setattr__(self, "dictionary", dictionary_name(self.dictionary))
+        object.__setattr__(self, "dictionary", board_dictionary(self.dictionary, kind="a ChArUco board"))
         capacity = DICTIONARIES[self.dictionary].capacity
         if self.marker_count > capacity:
             raise InputError(

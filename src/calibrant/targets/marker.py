@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from calibrant.arrays import Array
 from calibrant.errors import InputError
-from calibrant.targets.dictionaries import DICTIONARIES, dictionary_name
+from calibrant.targets.apriltag3 import FAMILIES, tag_name
+from calibrant.targets.dictionaries import DICTIONARIES
 from calibrant.targets.lengths import check_length, format_length, parse_length
 from calibrant.targets.target import Artwork, MarkerArt, Target
 
@@ -25,7 +26,11 @@ SYNTAX = "marker:SIDE:DICTIONARY:ID, such as marker:50mm:DICT_APRILTAG_36h11:10"
 
 @dataclass(frozen=True)
 class Marker(Target):
-    """A marker of a named dictionary, `side` metres with its black border."""
+    """A marker of a named dictionary, `side` metres with its black border.
+
+    Of one of AprilTag 3's families, `side` is that of the light square in the dark ring, as AprilTag counts it; the
+    code goes beyond it.
+    """
 
     kind: ClassVar[str] = "marker"
 
@@ -35,7 +40,7 @@ class Marker(Target):
 
     def __post_init__(self) -> None:
         check_length(self.side, what="the marker's side")
-        object.__setattr__(self, "dictionary", dictionary_name(self.dictionary))
+        object.__setattr__(self, "dictionary", tag_name(self.dictionary))
         check_id(self.id, self.dictionary)
 
     @cached_property
@@ -63,17 +68,31 @@ class Marker(Target):
     def artwork(self) -> Artwork:
         """The marker with a quiet zone of two cells."""
         half = 0.5 * self.side
-        edge = half + 2.0 * self.side / (DICTIONARIES[self.dictionary].bits + 2)
-        return Artwork((-edge, -edge, edge, edge), (MarkerArt(self.dictionary, self.id, (-half, -half), self.side),))
+        edge = half + quiet_zone(self.dictionary, self.side)
+        return Artwork((-edge, -edge, edge, edge), (marker_art(self.dictionary, self.id, (-half, -half), self.side),))
 
     def scaled(self, factor: float) -> Marker:
         """The same marker with its side times `factor`."""
         return replace(self, side=self.side * factor)
 
 
+def marker_art(dictionary: str, marker_id: int, top_left: tuple[float, float], side: float) -> MarkerArt:
+    """The drawing of a marker whose square has this top left corner and side, metres: the square, or what is around
+    it as well."""
+    margin = FAMILIES[dictionary].margin * side if dictionary in FAMILIES else 0.0
+    return MarkerArt(dictionary, marker_id, (top_left[0] - margin, top_left[1] - margin), side + 2.0 * margin)
+
+
+def quiet_zone(dictionary: str, side: float) -> float:
+    """How far from a marker's square other things must be, metres: two cells of paper, beyond its code."""
+    if dictionary in FAMILIES:
+        return (FAMILIES[dictionary].margin + 2.0 / FAMILIES[dictionary].square) * side
+    return 2.0 * side / (DICTIONARIES[dictionary].bits + 2)
+
+
 def check_id(marker_id: int, dictionary: str) -> int:
     """The id, checked. Raises: InputError when the dictionary has no such marker."""
-    capacity = DICTIONARIES[dictionary].capacity
+    capacity = (FAMILIES.get(dictionary) or DICTIONARIES[dictionary]).capacity
     if not 0 <= marker_id < capacity:
         raise InputError(f"{dictionary} has markers 0 to {capacity - 1}, got id {marker_id}")
     return marker_id

@@ -86,8 +86,8 @@ def is_negative(grey: Grey, markers: Markers, target: Charuco) -> bool:
     cell = 1.0 / (marker_cells(target.dictionary, 0).shape[0])
     along = np.linspace(0.1, 0.9, 9)
     gap = 0.25 * (target.square / target.marker - 1.0)
-    border = _strip(0.5 * cell, along)
-    around = _strip(-gap, along)
+    border = strip(0.5 * cell, along)
+    around = strip(-gap, along)
     inside = sample(grey, map_from_unit_square(markers.corners, np.tile(border, (len(markers), 1, 1))))
     outside = sample(grey, map_from_unit_square(markers.corners, np.tile(around, (len(markers), 1, 1))))
     return bool(np.median(outside.mean(axis=1) - inside.mean(axis=1)) < 0)
@@ -116,7 +116,8 @@ def read_markers(grey: Grey, maps: LocalMaps, ids: NDArray[np.int64], target: Ch
     return wrong.mean(axis=1) <= WRONG_CELLS
 
 
-def _strip(inset: float, along: Array) -> Array:
+def strip(inset: float, along: Array) -> Array:
+    """Places (4 n, 2) of the unit square, along its four sides and that far within."""
     low, high = np.full_like(along, inset), np.full_like(along, 1.0 - inset)
     sides = [(along, low), (along, high), (low, along), (high, along)]
     return np.concatenate([np.column_stack(side) for side in sides])

@@ -67,10 +67,10 @@ def read_codes(grey: Grey, quads: Array, name: str, *, border: int = 1) -> Marke
     codes, mended = dictionary_codes(name)
     side = int(dictionary(name).markerSize)
     ids, corners, step = _read(np.ascontiguousarray(grey), np.ascontiguousarray(quads), side, border, codes, mended)
-    return Markers(ids, corners).subset(_outlines(ids, corners, step))
+    return Markers(ids, corners).subset(outlines(ids, corners, step))
 
 
-def _outlines(ids: NDArray[np.int64], corners: Array, step: Array) -> NDArray[np.bool_]:
+def outlines(ids: NDArray[np.int64], corners: Array, step: Array) -> NDArray[np.bool_]:
     """Of the quadrilaterals around one marker, the one that lies on its edge, as a mask (n,).
 
     A wide border is flat in its middle, and the end of what is steep has an outline of its own.
@@ -228,6 +228,13 @@ def _look_up(code, codes, mended):  # type: ignore[no-untyped-def]
                 if wrong == 0:
                     return which, turn
     return which, turn
+
+
+@compiled("void(uint64[::1], uint64[:, ::1], int64, int64[:, ::1])")
+def look_up(read, codes, mended, found):  # type: ignore[no-untyped-def]
+    """Fills found (n, 2) with id and turn of the marker nearest to each code read (n,); -1 when none is near enough."""
+    for i in range(len(read)):
+        found[i, 0], found[i, 1] = _look_up(read[i], codes, mended)
 
 
 @compiled(

@@ -13,9 +13,11 @@ from calibrant.arrays import Array, Grey
 from calibrant.detection.detection import Detection
 from calibrant.detection.opencv import Markers, marker_cells, sample
 from calibrant.detection.tags.agreement import map_from_unit_square
+from calibrant.detection.tags.families import shows_tag
 from calibrant.detection.tags.quad_edges import refine_quads
 from calibrant.detection.tags.search import efforts, find_markers
 from calibrant.errors import InputError
+from calibrant.targets.apriltag3 import FAMILIES
 from calibrant.targets.bundle import Bundle
 from calibrant.targets.marker import Marker
 from calibrant.targets.target import Target
@@ -56,9 +58,8 @@ class TagDetector:
         twice = [int(i) for i in np.unique(best.ids) if np.count_nonzero(best.ids == i) > 1]
         if twice:
             return Detection.nothing(f"marker {twice[0]} is in the picture twice; cover one of the two")
-        reach = REACH_CELLS / len(marker_cells(target.dictionary, 0))
-        uv, sigma = refine_quads(grey, best.corners, reach=reach)
-        good = (sigma.max(axis=1) < WORST_SIGMA_PX) & shows_cells(grey, uv, best.ids, target.dictionary)
+        uv, sigma = _refined(grey, best.corners, target.dictionary)
+        good = (sigma.max(axis=1) < WORST_SIGMA_PX) & _shown(grey, uv, best.ids, target.dictionary)
         good &= np.linalg.norm(np.roll(uv, -1, axis=1) - uv, axis=2).min(axis=1) > LEAST_SIDE_PX
         if not good.any():
             return Detection.nothing(
@@ -67,6 +68,20 @@ class TagDetector:
         kept = np.flatnonzero(good)[np.argsort(best.ids[good])]
         ids = np.concatenate([wanted[int(i)] for i in best.ids[kept]])
         return Detection(ids, uv[kept].reshape(-1, 2), sigma[kept].ravel())
+
+
+def _refined(grey: Grey, corners: Array, name: str) -> tuple[Array, Array]:
+    """Corners (n, 4, 2) px on the edges of the markers' squares, and their sigma_px (n, 4)."""
+    if name in FAMILIES:
+        # The square is light in a dark ring, each a cell wide.
+        return refine_quads(np.asarray(255 - grey, np.uint8), corners, reach=REACH_CELLS / FAMILIES[name].square)
+    return refine_quads(grey, corners, reach=REACH_CELLS / len(marker_cells(name, 0)))
+
+
+def _shown(grey: Grey, corners: Array, ids: NDArray[np.int64], name: str) -> NDArray[np.bool_]:
+    if name in FAMILIES:
+        return shows_tag(grey, corners, ids, name, wrong=WRONG_CELLS)
+    return shows_cells(grey, corners, ids, name)
 
 
 def shows_cells(grey: Grey, corners: Array, ids: NDArray[np.int64], dictionary: str, *, border: int = 1) -> NDArray:

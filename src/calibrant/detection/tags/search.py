@@ -7,11 +7,13 @@ from typing import Literal
 
 import numpy as np
 
-from calibrant.arrays import Grey
+from calibrant.arrays import Array, Grey
 from calibrant.detection.opencv import Markers, shrink
 from calibrant.detection.tags.codes import read_codes
+from calibrant.detection.tags.families import read_family
 from calibrant.detection.tags.quads import MIDDLE, find_quads
 from calibrant.opencv import cv2
+from calibrant.targets.apriltag3 import FAMILIES
 
 Ink = Literal["dark", "light"]
 
@@ -73,4 +75,9 @@ def find_markers(grey: Grey, name: str, effort: Effort, *, border: int = 1) -> M
 
     Their corners are good to half a pixel of the smaller picture.
     """
-    return read_codes(grey, find_quads_at(grey, effort), name, border=border)
+    return read_quads(grey, find_quads_at(grey, effort), name, border=border)
+
+
+def read_quads(grey: Grey, quads: Array, name: str, *, border: int = 1) -> Markers:
+    """The markers of a dictionary, or of one of AprilTag 3's families, among quadrilaterals (n, 4, 2) px."""
+    return read_family(grey, quads, name) if name in FAMILIES else read_codes(grey, quads, name, border=border)

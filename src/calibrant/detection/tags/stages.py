@@ -11,9 +11,8 @@ from calibrant.arrays import Array, Grey
 from calibrant.data import View
 from calibrant.detection.images.overlay import draw, write_label
 from calibrant.detection.opencv import Markers
-from calibrant.detection.tags.codes import read_codes
 from calibrant.detection.tags.quads import MIDDLE, dark_regions
-from calibrant.detection.tags.search import Effort, Ink, efforts, find_quads_at, level_of
+from calibrant.detection.tags.search import Effort, Ink, efforts, find_quads_at, level_of, read_quads
 from calibrant.errors import InputError
 from calibrant.opencv import cv2
 from calibrant.targets.aprilgrid import AprilGrid
@@ -67,7 +66,7 @@ def _best_search(grey: Grey, target: AprilGrid | Bundle | Charuco | Marker) -> _
     tried = []
     for effort in efforts(grey.shape, COARSE_SIDE_PX, ink, part=MIDDLE):
         quads = find_quads_at(grey, effort)
-        tried.append(_Search(effort, quads, read_codes(grey, quads, target.dictionary, border=border)))
+        tried.append(_Search(effort, quads, read_quads(grey, quads, target.dictionary, border=border)))
     return max(tried, key=lambda search: len(search.markers))
 
 

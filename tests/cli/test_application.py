@@ -70,6 +70,7 @@ def test_help_fits_the_terminal_and_stays_readable(calibrant, monkeypatch, colum
     assert max(map(len, words)) <= columns
     # Words are read, not spelt: their column is half of a narrow terminal, not what the names have left.
     assert max(len(line.strip()) for line in words) >= min(columns, 80) // 2 - 4
+    assert not any(line.endswith("-") for line in options if len(line) < columns)
 
 
 def test_help_says_what_holds_without_an_option(calibrant) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+import pytest
+
 from calibrant.data import CalibrationResult, Check
 from calibrant.reports.parts.rows import view_rows
 from calibrant.reports.words import sorted_checks, verdict_sentence
@@ -20,6 +22,12 @@ def test_a_refusal_gives_its_reason_and_no_accuracy(intrinsics_result: Calibrati
     checks = (Check("a", "warn", "w"), Check("b", "fail", "the board was never tilted"), Check("c", "fail", "x"))
     sentence = verdict_sentence(replace(intrinsics_result, verdict="refused", checks=checks))
     assert sentence == "The board was never tilted. (And 1 more failed check: see the checks.)"
+
+
+@pytest.mark.parametrize(("text", "first"), [("img_00.png: off", "img"), ("fx / fy = 1", "fx"), ("no views", "No")])
+def test_names_keep_their_letters(intrinsics_result: CalibrationResult, text: str, first: str) -> None:
+    checks = (Check("a", "fail", text),)
+    assert verdict_sentence(replace(intrinsics_result, verdict="refused", checks=checks)).startswith(first)
 
 
 def test_a_good_result_says_how_good(hand_eye_result: Callable[[str], CalibrationResult]) -> None:

@@ -62,12 +62,17 @@ def _width() -> int:
     return min(shutil.get_terminal_size((WIDEST, 24)).columns, WIDEST)
 
 
+def _lines(text: str, width: int) -> list[str]:
+    """The words in lines; what is typed as it stands (eye-in-hand, --without-marked) is not broken at its hyphens."""
+    return textwrap.wrap(" ".join(text.split()), width, break_on_hyphens=False)
+
+
 def _paragraphs(text: str) -> str:
     """Paragraphs filled to the width; lines that show a command stay as they are."""
     out = []
     for paragraph in text.split("\n\n"):
         shown = paragraph.lstrip().startswith("calibrant ")
-        out.append(textwrap.indent(paragraph, "  ") if shown else textwrap.fill(" ".join(paragraph.split()), _width()))
+        out.append(textwrap.indent(paragraph, "  ") if shown else "\n".join(_lines(paragraph, _width())))
     return "\n\n".join(out)
 
 
@@ -75,7 +80,7 @@ def _section(title: str, rows: Sequence[tuple[str, str]]) -> str:
     column = min(NAMES, max(len(name) for name, _ in rows) + 2, _width() // 2 - 2)  # words have half of a narrow one
     lines = [f"{title}:"]
     for name, words in rows:
-        filled = textwrap.wrap(words, _width() - column - 2) or [""]
+        filled = _lines(words, _width() - column - 2) or [""]
         if len(name) + 2 > column:
             lines.append(f"  {name}")
         else:

@@ -48,6 +48,10 @@ def verdict_sentence(result: CalibrationResult) -> str:
     return f"{accuracy(result)} {_passed(result)}".strip()
 
 
+_NAMES = ("fx", "fy", "cx", "cy")
+"""Words that are names of a camera's parameters."""
+
+
 def accuracy(result: CalibrationResult) -> str:
     """How well what was asked for is known, in one sentence."""
     return kind_of(result).answer(result) or focal_known(result) or "Done."
@@ -62,8 +66,11 @@ def _passed(result: CalibrationResult) -> str:
 
 
 def _sentence(text: str) -> str:
+    """The text as a sentence: a capital first, but for names (a photo's, a parameter's), which stay as they are."""
     text = text.strip()
-    text = f"{text[:1].upper()}{text[1:]}"
+    first = text.split(maxsplit=1)[0] if text else ""
+    if first.strip(",;").isalpha() and first not in _NAMES:
+        text = f"{text[:1].upper()}{text[1:]}"
     return text if text.endswith((".", "!", "?")) else f"{text}."
 
 

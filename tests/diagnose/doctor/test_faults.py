@@ -321,6 +321,24 @@ def test_faults_together(pairs: CaseOf) -> None:
     undone(found, T)
 
 
+@pytest.mark.parametrize(
+    ("unit", "words"),
+    [(0.0254, "inches instead of m, or poses in inches were read in m"), (10, "mm instead of cm"), (100, "cm instead")],
+)
+def test_two_units_are_told_by_their_ratio(pairs: CaseOf, unit: float, words: str) -> None:
+    factor = min(unit, 1 / unit)
+    message = examine(pairs(hand_eye_scene("good")).scaled(factor)).named("target-size")[0].message
+    assert words in message
+
+
+def test_positions_in_other_axes_than_the_rotations_are_told(pairs: CaseOf) -> None:
+    T = hand_eye_scene("good").robot_poses.T_base_gripper.copy()
+    T[:, :3, 3] = T[:, [1, 0, 2], 3]
+    found = examine(pairs(T=T))
+    assert names(found) == ["no-agreement"]
+    assert "the rotations agree" in found.findings[0].message
+
+
 def test_poses_of_another_session_fit_nothing(pairs: CaseOf) -> None:
     T = hand_eye_scene("good", seed=5).robot_poses.T_base_gripper
     found = examine(pairs(T=T))

@@ -94,6 +94,15 @@ def test_impossible_readings_are_dropped_with_the_reason(tmp_path: Path) -> None
     assert radians == "rotations in radians: 40 is more than a full turn"
 
 
+def test_a_row_in_another_unit_does_not_turn_the_unit_of_the_others(tmp_path: Path) -> None:
+    path = write(tmp_path / "p.csv", "x,y,z,rx,ry,rz", 0.5, np.tile(ANGLES, (2, 1)))
+    head, first, *rest = path.read_text().splitlines()
+    cells = first.split(",")
+    far = [f"{1000 * float(c):g}" for c in cells[:3]] + cells[3:]
+    path.write_text("\n".join([head, ",".join(far), *rest]) + "\n")
+    assert notations(read_poses(path))[0].units == "m"
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

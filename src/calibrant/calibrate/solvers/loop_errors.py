@@ -44,7 +44,7 @@ class LoopConsistency:
 
     median_mm, median_deg: median distance and angle of Z_i from their robust centre Z. `score` is free of units and
     compares hypotheses: the larger of the distance over the size of the robot's motion and the angle over the size of
-    its rotations; 0 is perfect, 1 is no agreement at all.
+    its rotations; 0 is perfect, 1 is no agreement at all. `score_rotation` is the latter alone.
     """
 
     median_mm: float
@@ -53,6 +53,7 @@ class LoopConsistency:
     view_deg: Array
     Z: Array
     score: float
+    score_rotation: float
 
 
 def loop_errors(A: ArrayLike, B: ArrayLike, X: ArrayLike) -> LoopErrors:
@@ -87,8 +88,9 @@ def consistency_of(pairs: PosePairs, X: ArrayLike) -> LoopConsistency:
     view_mm, view_deg = se3.deviation(Z, Z_i)
     median_mm, median_deg = median(view_mm), median(view_deg)
     size_mm, size_deg = _motion_size(pairs)
-    score = max(_ratio(median_mm, size_mm), _ratio(median_deg, size_deg))
-    return LoopConsistency(median_mm, median_deg, view_mm, view_deg, Z, score)
+    turned = _ratio(median_deg, size_deg)
+    score = max(_ratio(median_mm, size_mm), turned)
+    return LoopConsistency(median_mm, median_deg, view_mm, view_deg, Z, score, turned)
 
 
 @lru_cache(maxsize=4)

@@ -133,17 +133,23 @@ def _asked(ask: Examine, case: Case) -> list[Finding]:
 
 def _open_loop(case: Case) -> list[Finding]:
     """The finding that nothing closes the loop: medians still as large as the motion itself."""
-    score = loop_consistency(case.A, case.B, case.robust.X).score
-    if score <= CONSISTENT:
+    loop = loop_consistency(case.A, case.B, case.robust.X)
+    if loop.score <= CONSISTENT:
         return []
     group = agreeing_group(case.A, case.B, certainty=case.certainty)
     if group is not None and not group.members.all():
         others = [name for name, member in zip(case.ids, group.members) if not member]
         message = disagreement(len(case.index), group, others)
         return [Finding("views-disagree", "fail", message, views=tuple(others))]
+    ask = "do poses and images belong together, is it the right target?"
+    if loop.score_rotation <= CONSISTENT:
+        ask = (
+            f"the rotations agree to {loop.median_deg:.2g} deg, the positions do not: are they in the frame that the "
+            "rotations are in, their axes in the same order and right-handed, the rotations not inverted alone?"
+        )
     message = (
-        f"robot and target poses do not describe the same motion: the loop leaves {case.loop.text}, {score:.0%} of the "
-        "motion itself; do poses and images belong together, is it the right target?"
+        f"robot and target poses do not describe the same motion: the loop leaves {case.loop.text}, {loop.score:.0%} "
+        f"of the motion itself; {ask}"
     )
     # Unrelated motions agree to within a quarter of themselves in half of the views about once in 4^(n / 2).
     return [Finding("no-agreement", "fail", message, confidence(0.25 ** (len(case.index) / 2)))]

@@ -192,13 +192,15 @@ def _lengths(raw: RawPoses, asked: PoseOptions, dropped: list[str]) -> Iterator[
         return
     if stated is not None:
         yield stated, ()
-    farthest = float(np.linalg.norm(raw.translation, axis=1).max())
+    distances = np.linalg.norm(raw.translation, axis=1)
+    # One row in another unit, or a slipped decimal point, leaves the unit of the others as it is: the median.
+    typical, farthest = float(np.median(distances)), float(distances.max())
     for unit in ("m", "mm"):
         if unit == stated:
             continue
-        reach = farthest * LENGTH_UNITS[unit]
-        if reach > _FARTHEST_M:
-            dropped.append(f"positions in {unit}: {reach:.4g} m from the base is beyond any robot")
+        reach, middle = farthest * LENGTH_UNITS[unit], typical * LENGTH_UNITS[unit]
+        if middle > _FARTHEST_M:
+            dropped.append(f"positions in {unit}: {middle:.4g} m from the base is beyond any robot")
         elif reach < _NEAREST_M and farthest > 0:
             dropped.append(f"positions in {unit}: every pose would lie within {1e3 * reach:.2g} mm of the base")
         else:

@@ -7,6 +7,7 @@ estimate that the calibration states too); (s - 1) / sigma_s is Student's t when
 from __future__ import annotations
 
 from functools import partial
+from itertools import permutations
 
 import numpy as np
 
@@ -20,11 +21,14 @@ from calibrant.diagnose.doctor.evidence.finding import Finding
 from calibrant.diagnose.doctor.evidence.loop import Evidence
 from calibrant.diagnose.doctor.evidence.significance import CONVINCING, confidence, student_test
 from calibrant.errors import RefusedError
+from calibrant.formats.poses.columns import LENGTH_UNITS
 from calibrant.geometry import se3
 
 MATTERS = 0.005
 """A printed board is off by up to 0.5 % (a printer's scaling, paper and humidity); more is a wrong size."""
-UNITS = {1000.0: "mm instead of m", 0.001: "m instead of mm", 25.4: "inches instead of mm", 1 / 25.4: "mm for inches"}
+UNITS = {LENGTH_UNITS[b] / LENGTH_UNITS[a]: (a, b) for a, b in permutations(LENGTH_UNITS, 2)}
+"""Real size over given size, where unit a was said and b is true; also where poses in a were read in b."""
+_WORDS = {"in": "inches"}
 MOST_ROUNDS, SETTLED = 20, 0.01
 """The loop is nearly linear in the scale, which settles in three or four rounds: to a hundredth of its sigma."""
 ROUNDING = 1e-9
@@ -67,9 +71,11 @@ def sized(case: Case, repaired: Case, found: Measured, p: float) -> Finding:
     evidence = Evidence(case.loop, repaired.loop)
     gross = max(value, 1 / value) > WRONG_LENGTH
     near = max(UNIT_SHARE, SIGMAS * sigma / value)
-    unit = next((words for ratio, words in UNITS.items() if gross and abs(value / ratio - 1) < near), None)
+    ratio = min(UNITS, key=lambda r: abs(value / r - 1))
+    unit = UNITS[ratio] if gross and abs(value / ratio - 1) < near else None
     text = f"{ratio_text(value, sigma)} times as large as given"
-    cause = f" ({unit}, or the poses are in another unit than they were read in)" if unit else ""
+    said, true = (_WORDS.get(u, u) for u in unit or ("", ""))
+    cause = f" ({said} instead of {true}, or poses in {said} were read in {true})" if unit else ""
     share = f"; at that size {evidence.text}"
     way_out = "measure the target, and give its real size"
     if unit:

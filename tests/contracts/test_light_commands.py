@@ -15,7 +15,13 @@ from calibrant.geometry import so3
 from calibrant.simulate.scenes import HandEyeScene, hand_eye_scene
 
 BOARD = "chessboard:9x6:25mm"
-HEAVY = ("cv2", "jinja2", "matplotlib", "mujoco", *(f"scipy.{m}" for m in ("optimize", "spatial", "special", "stats")))
+HEAVY = (
+    "cv2",
+    "jinja2",
+    "matplotlib",
+    "mujoco",
+    *(f"scipy.{m}" for m in ("optimize", "sparse", "spatial", "special", "stats")),
+)
 """scipy.linalg is not among them: Numba loads it where nothing is compiled yet."""
 
 

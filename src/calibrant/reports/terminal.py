@@ -18,7 +18,7 @@ from rich.text import Text
 
 from calibrant.cameras import Camera
 from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Check, TransformEstimate
-from calibrant.diagnose.budget.workspace import is_workspace_check
+from calibrant.diagnose.budget.volume import is_workspace_check
 from calibrant.diagnose.look import Look, look
 from calibrant.diagnose.loop import LoopView, by_view
 from calibrant.reports.kinds.phrases import decisions

@@ -34,9 +34,6 @@ from calibrant.calibrate.review.view_scores import (
 from calibrant.data import Check
 from calibrant.data.results import Status
 from calibrant.errors import InputError
-from calibrant.targets.chessboard import Chessboard
-from calibrant.targets.circles import Circles
-from calibrant.targets.registry import parse_target
 
 FLATNESS, SQUARES, POINTS, LENS = "board-flatness", "board-squares", "board-points", "lens-model"
 FLATNESS_UNTOLD = "these views do not tell whether the board is flat"
@@ -210,6 +207,10 @@ def _as_spec(target: str | None, stretch: float) -> str:
     """How the spec would say it, the lengths' mean kept, where the kind of target can."""
     if target is None:
         return ""
+    from calibrant.targets.chessboard import Chessboard  # all kinds of targets, and hardly ever asked for
+    from calibrant.targets.circles import Circles
+    from calibrant.targets.registry import parse_target
+
     try:
         known = parse_target(target)
     except InputError:

@@ -31,11 +31,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csc_array
-from scipy.sparse.linalg import splu
 
 from calibrant.arrays import Array
 from calibrant.calibrate.cell.certainty.size import size_doubt
@@ -63,6 +62,9 @@ from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3
 from calibrant.optimize.factors import Factor, FactorBlocks
 from calibrant.optimize.problem import Problem
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_array
 
 Columns = dict[str, NDArray[np.int64]]
 
@@ -182,6 +184,9 @@ def _columns(problem: Problem) -> tuple[Columns, Columns]:
 
 def _information(again: CellAgain, shared: Columns, poses: Columns) -> dict[str, Array]:
     """Normal matrices over the shared unknowns by source, robot poses eliminated."""
+    from scipy.sparse import csc_array  # heavy, and needed only where a budget is asked for
+    from scipy.sparse.linalg import splu
+
     columns, problem = shared | poses, again.problem
     size = 1 + max(int(c.max()) for c in columns.values())
     first = min(int(c.min()) for c in poses.values())
@@ -207,6 +212,8 @@ def _source_of(cell: Cell, factor: Factor) -> str:
 
 def _sparse(factor: Factor, blocks: FactorBlocks, columns: Columns, size: int) -> csc_array:
     """A factor's normal matrix over all unknowns."""
+    from scipy.sparse import coo_array, csc_array
+
     rows: list[NDArray[np.int64]] = []
     cols: list[NDArray[np.int64]] = []
     values: list[Array] = []

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibrant.arrays import Array
+from calibrant.data import Check
 from calibrant.errors import InputError
 from calibrant.targets.lengths import parse_length
 
@@ -104,3 +105,8 @@ def check_request(workspace: str | None, tolerance: str | None, target_sigma: st
         parse_length(tolerance, what="--tolerance")
     if target_sigma is not None:
         parse_fraction(target_sigma, what="--target-sigma")
+
+
+def is_workspace_check(check: Check) -> bool:
+    """Whether a check is one of `with_workspace`."""
+    return check.name == "workspace" or check.name.startswith("workspace-")

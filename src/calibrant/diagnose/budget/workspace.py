@@ -29,7 +29,14 @@ from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Check, Measured, verdict_of
 from calibrant.diagnose.budget.cell import TARGET, TARGET_SIGMA, CameraBudget, ErrorBudget, cell_budgets
-from calibrant.diagnose.budget.volume import STEPS, Volume, check_request, parse_fraction, parse_volume
+from calibrant.diagnose.budget.volume import (
+    STEPS,
+    Volume,
+    check_request,
+    is_workspace_check,
+    parse_fraction,
+    parse_volume,
+)
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
 from calibrant.targets.lengths import parse_length
@@ -266,11 +273,6 @@ def _workspace_figures(found: Mapping[str, WorkspaceUncertainty]) -> dict[str, M
         out[f"workspace_sigma{of}"] = Measured(one.worst.sigma_mm, unit="mm")
         out[f"workspace_radius{of}"] = Measured(one.worst.radius_mm, unit="mm")
     return out
-
-
-def is_workspace_check(check: Check) -> bool:
-    """Whether a check is one of `with_workspace`."""
-    return check.name == "workspace" or check.name.startswith("workspace-")
 
 
 def asked_workspace(result: CalibrationResult) -> dict[str, WorkspaceUncertainty]:

@@ -57,7 +57,7 @@ def _refusal(result: CalibrationResult, work: WorkspaceOptions) -> RefusedError 
     if work.workspace is None:
         return None
     from calibrant.data.verdicts import refuse_if_failed
-    from calibrant.diagnose.budget.workspace import is_workspace_check
+    from calibrant.diagnose.budget.volume import is_workspace_check
 
     try:
         refuse_if_failed(replace(result, checks=tuple(c for c in result.checks if is_workspace_check(c))))

@@ -5,6 +5,8 @@ A message says what failed, what was found, what was expected and what to do nex
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 
 class CalibrantError(Exception):
     """Root of every error that calibrant raises on purpose.
@@ -64,3 +66,8 @@ class CancelledError(CalibrantError):
     """The work was asked to stop, and stopped; no result was written. See `calibrant.cancel`."""
 
     exit_status = 130
+
+
+def causes(said: Iterable[str]) -> str:
+    """Several causes in one message: a line each, the one to act on first; each once."""
+    return "\n".join(dict.fromkeys(said))

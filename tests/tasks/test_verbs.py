@@ -30,3 +30,14 @@ def test_an_error_in_python_names_its_argument(tmp_path: Path) -> None:
 def test_warnings_of_a_board_are_warnings(tmp_path: Path) -> None:
     with pytest.warns(UserWarning, match="looks the same turned by 180 degrees"):
         cb.target("chessboard:7x7:20mm", out=tmp_path / "board.pdf")
+
+
+def test_what_python_shows_of_a_result_names_arguments() -> None:
+    said = "leave --sigma-px out (--confidence 0.9), or calibrant intrinsics --target-shape free"
+    result = cb.CalibrationResult("pose", "warn", checks=(cb.Check("noise", "warn", said),))
+    assert result.check("noise").message == said  # every door has the same result
+    for text in (str(result), result.summary(), result._repr_html_()):
+        words = " ".join(text.split())
+        assert "leave sigma_px out (confidence 0.9), or calibrant" in words
+        assert "--sigma-px" not in words
+    assert "calibrant intrinsics --target-shape free" in " ".join(result.summary().split())

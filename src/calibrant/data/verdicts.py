@@ -6,7 +6,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 
 from calibrant.data import CalibrationResult
-from calibrant.errors import RefusedError
+from calibrant.errors import RefusedError, causes
 
 
 def stamp(result: CalibrationResult) -> CalibrationResult:
@@ -22,6 +22,6 @@ def refuse_if_failed(result: CalibrationResult) -> None:
     if failed:
         # That a fit does not end is what the others' causes do.
         failed.sort(key=lambda c: c.name == "convergence")
-        error = RefusedError("; ".join(f"{c.name}: {c.message}" for c in failed))
+        error = RefusedError(causes(f"{c.name}: {c.message}" for c in failed))
         error.result = result
         raise error

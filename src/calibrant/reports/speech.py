@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from io import StringIO
 from textwrap import shorten, wrap
 
+from calibrant.advice import in_python
 from calibrant.data import CalibrationResult, Check
 from calibrant.reports.kinds.registry import kind_of
 from calibrant.reports.parts.blocks import Block
@@ -22,6 +24,7 @@ _LINE = 96
 
 def brief(result: CalibrationResult) -> str:
     """What it is, the verdict, the figures that count, and the checks that warn, a line each: some ten lines."""
+    result = _told(result)
     known = f" {accuracy(result)}" if result.verdict != "refused" else ""
     lines = [title(result), *wrap(f"{verdict_word(result)}.{known}", _SENTENCE)]
     facts = kind_of(result).headline(result)
@@ -33,7 +36,7 @@ def brief(result: CalibrationResult) -> str:
         lines.append(f"  {shorten(text, _LINE, placeholder=' …')}")
     if len(warned) > _MOST_WARNINGS:
         lines.append(f"  and {len(warned) - _MOST_WARNINGS} more: summary() tells all")
-    return "\n".join(lines)
+    return in_python("\n".join(lines))
 
 
 def summary(result: CalibrationResult) -> str:
@@ -44,7 +47,7 @@ def summary(result: CalibrationResult) -> str:
 
     text = StringIO()
     Console(file=text, width=WIDTH, color_system=None, force_terminal=False, legacy_windows=False).print(
-        shown(result, verbose=True)
+        shown(_told(result), verbose=True)
     )
     return "\n".join(line.rstrip() for line in text.getvalue().splitlines())
 
@@ -54,8 +57,18 @@ def notebook(result: CalibrationResult) -> str:
     from calibrant.reports.html import result_head
     from calibrant.reports.page import render_answer
 
+    result = _told(result)
     warned = _warned(result)
     return render_answer(result_head(result, [Block("checks", {"checks": warned})] if warned else []))
+
+
+def _told(result: CalibrationResult) -> CalibrationResult:
+    """The result, its advice in the words of Python."""
+    return replace(
+        result,
+        checks=tuple(replace(c, message=in_python(c.message)) for c in result.checks),
+        views=tuple(replace(v, reason=in_python(v.reason)) if v.reason else v for v in result.views),
+    )
 
 
 def _warned(result: CalibrationResult) -> list[Check]:

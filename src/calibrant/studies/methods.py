@@ -27,7 +27,7 @@ from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics
 from calibrant.calibrate.intrinsics.fit import Start, refine
 from calibrant.calibrate.reprojection.factor import stack
 from calibrant.cameras import Camera, camera_model
-from calibrant.errors import CalibrantError, InputError, RefusedError
+from calibrant.errors import CalibrantError, InputError, RefusedError, causes
 from calibrant.geometry import se3
 from calibrant.studies.scenes import Case
 
@@ -248,7 +248,7 @@ def _refined_classical(case: Case, start: ClassicalCalibration, *, fix: tuple[st
     values = np.array([start.camera.parameters.get(name, 0.0) for name in kind.parameter_names])
     solution = refine(stack(case.views), kind, Start(values, start.T_camera_target), fix=fix)
     if solution.unobservable:
-        raise RefusedError("; ".join(u.message for u in solution.unobservable[:2]))
+        raise RefusedError(causes(u.message for u in solution.unobservable[:2]))
     camera = Camera(kind, case.image_size, solution.value("camera")[0])
     return ClassicalCalibration(camera, solution.value("T_camera_target"))
 

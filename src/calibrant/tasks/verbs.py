@@ -10,7 +10,6 @@ tells type checkers the signatures; `signatures.py` writes it.
 from __future__ import annotations
 
 import inspect
-import re
 import textwrap
 import warnings
 from collections.abc import Callable, Mapping
@@ -18,6 +17,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from calibrant import advice
 from calibrant.errors import CalibrantError
 from calibrant.tasks.options.fields import Field, build, spread
 from calibrant.tasks.registry import TASKS, Entry, Task, reads_of, run_task
@@ -98,7 +98,7 @@ def _outcome(task: Task, values: Mapping[str, Any], *, force: bool) -> Outcome:
 def in_python(message: str, task: Task) -> str:
     """A message of the command in the words of its verb: what is --pose-units there is the argument pose_units here."""
     names = {field.flag: field.name for field in spread(task.Request)} | {"--force": "force=True"}
-    return re.sub(r"(?<![\w-])--[a-z][a-z-]*", lambda flag: names.get(flag[0], flag[0]), message)
+    return advice.in_python(message, names)
 
 
 def signature_of(task: Task) -> inspect.Signature:

@@ -79,6 +79,8 @@ def test_faults_are_named_and_the_status_is_1(
     page = report.read_text()
     assert "poses-shifted" in page
     assert "REPAIR FIRST" in page
+    # The command to run next, with a button that copies it.
+    assert re.search(r"data-copy hidden>Copy</button></div>\s*<pre class=\"code\">calibrant \S", page)
     assert page.count("<svg") == 2
     assert re.search(r"https?:", page) is None
     assert "default-src 'none'" in page

@@ -51,7 +51,7 @@ from calibrant.calibrate.solvers.setup import get_setup
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Check, Observations, RobotPoses, ViewResult
 from calibrant.data.verdicts import refuse_if_failed, stamp
-from calibrant.errors import InputError, RefusedError
+from calibrant.errors import InputError, RefusedError, causes
 from calibrant.expected import expect
 from calibrant.optimize.noise import NoiseEstimate
 
@@ -198,7 +198,7 @@ def _by_its_cause(start: CellStart) -> Iterator[None]:
         failed = [f"{f.name}: {f.message}" for f in findings if f.status == "fail"]
         if not failed:
             raise
-        raise RefusedError("; ".join(failed)) from error
+        raise RefusedError(causes(failed)) from error
 
 
 def told_accuracies(given: Mapping[str, Accuracy] | Accuracy | None) -> dict[str, RobotAccuracy]:

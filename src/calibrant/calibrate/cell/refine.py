@@ -16,7 +16,7 @@ from calibrant.calibrate.cell.problem.layout import Frame
 from calibrant.calibrate.cell.problem.problem import Cell, cell_problem
 from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.calibrate.reprojection.outliers import mark
-from calibrant.errors import RefusedError
+from calibrant.errors import RefusedError, causes
 from calibrant.optimize.levenberg_marquardt import SolverOptions
 from calibrant.optimize.noise import NoiseEstimate, estimate_noise
 from calibrant.optimize.solution import Solution
@@ -45,7 +45,7 @@ def refined(cell: Cell, transforms: Mapping[Frame, Array], spread: tuple[float, 
         noise = estimate_noise(cell_problem(cell, transforms, sigmas), floors=cell.floors(), options=options)
         solution = noise.solution
         if solution.unobservable:
-            raise RefusedError("; ".join(u.message for u in solution.unobservable[:3]))
+            raise RefusedError(causes(u.message for u in solution.unobservable[:3]))
         cell = _seen_again(cell, solution)
         cleaned = cell if k == rounds else _cleaned(cell, solution)
         if cleaned is cell:

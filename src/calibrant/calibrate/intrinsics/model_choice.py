@@ -25,7 +25,7 @@ from calibrant.cameras import Camera, camera_model
 from calibrant.data import CalibrationResult, Check, HeldOut, Observations, verdict_of
 from calibrant.data.details import ModelCandidate, ModelChoice
 from calibrant.data.results import Status
-from calibrant.errors import CalibrantError, InputError, RefusedError
+from calibrant.errors import CalibrantError, InputError, RefusedError, causes
 
 AUTO = "auto"
 NARROW_DEG, WIDE_DEG = 35.0, 65.0
@@ -147,7 +147,7 @@ def choose_model(
             fits[model] = refusal
     kept = [f for f in fits.values() if isinstance(f, Kept)]
     if not kept:
-        raise RefusedError("no model fits: " + "; ".join(f"{m}: {f}" for m, f in fits.items()))
+        raise RefusedError("no model fits:\n" + causes(f"{m}: {f}" for m, f in fits.items()))
     # All models are judged on the same points: those that the closest fit keeps.
     best = min(kept, key=lambda f: f.result.rms_px or np.inf)
     if len(best.views) < FEWEST_VIEWS:
@@ -197,7 +197,7 @@ def _decide(candidates: tuple[Candidate, ...]) -> Choice:
     """The simplest candidate as good as the best: within two standard errors of the paired difference, or 1 %."""
     able = [c for c in candidates if c.squares is not None]
     if not able:
-        raise RefusedError("no model fits: " + "; ".join(f"{c.model}: {c.reason}" for c in candidates))
+        raise RefusedError("no model fits:\n" + causes(f"{c.model}: {c.reason}" for c in candidates))
     best = min(able, key=lambda c: c.held_out_px or np.inf)
     chosen = next(c for c in sorted(able, key=lambda c: c.free) if _as_good(c, best))
     by_bic = min(able, key=lambda c: c.bic if c.bic is not None else np.inf)

@@ -287,8 +287,8 @@ def _pose_camera_check(camera: Camera, poses: Poses) -> Check:
     if camera.covariance is None:
         return Check(
             "camera", "warn",
-            "the camera file states no uncertainty: sigmas are of the pixels' noise alone; a result of calibrant "
-            "(intrinsics --out) has it",
+            "the camera file states no uncertainty: sigmas are of the pixels' noise alone; the result of "
+            "calibrant intrinsics --out has it",
         )  # fmt: skip
     shares = [
         float(np.trace(p.best.of_camera[3:, 3:]) / np.trace(p.best.covariance[3:, 3:]))

@@ -26,7 +26,7 @@ from calibrant.arrays import Array, Index
 from calibrant.calibrate.solvers import screws
 from calibrant.calibrate.solvers.relative import PosePairs, odd_part, pose_pairs, sample
 from calibrant.data.results import Check
-from calibrant.errors import RefusedError
+from calibrant.errors import RefusedError, causes
 from calibrant.geometry import se3
 
 SIGMA_ROTATION = (5e-5, np.deg2rad(1.0))
@@ -103,7 +103,7 @@ class MotionReport:
     def require_determined(self) -> None:
         """Raises: RefusedError naming every degeneracy, with the motion that would cure it."""
         if self.degenerate:
-            raise RefusedError("; ".join(f"{f.name}: {f.message}" for f in self.degenerate))
+            raise RefusedError(causes(f"{f.name}: {f.message}" for f in self.degenerate))
 
 
 def motion_report(A: ArrayLike, B: ArrayLike, *, frame: str = "gripper") -> MotionReport:

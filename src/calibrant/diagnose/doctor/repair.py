@@ -14,7 +14,7 @@ from calibrant.diagnose.doctor.diagnosis import Diagnosis
 from calibrant.diagnose.doctor.evidence.case import Case
 from calibrant.diagnose.doctor.faults import size
 from calibrant.diagnose.doctor.sized import FREED
-from calibrant.errors import RefusedError
+from calibrant.errors import RefusedError, causes
 
 
 def calibrate_repaired(diagnosis: Diagnosis, *, model: str = "brown", fix: Sequence[str] = ()) -> CalibrationResult:
@@ -25,7 +25,7 @@ def calibrate_repaired(diagnosis: Diagnosis, *, model: str = "brown", fix: Seque
     """
     left = [f for f in diagnosis.findings if f.status == "fail" and not f.proposal]
     if left:
-        raise RefusedError("; ".join(f"{f.name}: {f.message}" for f in left))
+        raise RefusedError(causes(f"{f.name}: {f.message}" for f in left))
     case = diagnosis.repaired
     result = _calibrated(case, diagnosis, model, fix, JOINT)
     names = ("target-size", FREED)

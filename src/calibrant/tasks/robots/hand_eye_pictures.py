@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calibrant.errors import InputError, RefusedError
+from calibrant.errors import InputError, RefusedError, causes
 from calibrant.tasks.inputs import session
 from calibrant.tasks.robots import hand_eye_list
 from calibrant.tasks.robots.hand_eye_list import ListRequest, PairedData
@@ -150,9 +150,9 @@ def require_sound(diagnosis: Diagnosis) -> None:
     failed: list[Finding] = [f for f in diagnosis.findings if f.status == "fail"]
     if not failed:
         return
-    words = "; ".join(f"{f.name}: {f.check.message}" for f in failed)
+    words = causes(f"{f.name}: {f.check.message}" for f in failed)
     if all(f.proposal for f in failed):
-        words += "; calibrant doctor with the same arguments and --apply calibrates from repaired data"
+        words += "\ncalibrant doctor with the same arguments and --apply calibrates from repaired data"
     from calibrant.data.verdicts import stamp
     from calibrant.diagnose.doctor.diagnosis import as_result
 

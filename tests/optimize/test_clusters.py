@@ -126,3 +126,33 @@ def test_clusters_are_corrected_alike_by_series_and_by_eigenvalues() -> None:
     norms = np.sqrt(np.sum(G**2, axis=(1, 2)))
     assert norms.min() < 0.5 < norms.max()  # both ways are taken
     np.testing.assert_allclose(corrected(z, G, root=np.eye(5)).scores, wanted, rtol=1e-12, atol=1e-13)
+
+
+def test_what_smooth_errors_do_to_one_direction_is_not_spread_over_all() -> None:
+    """Errors that are linear across a cluster fall in the one direction that a linear map moves."""
+    rng, p, clusters, each, level = np.random.default_rng(4), 9, 16, 60, 0.6
+    labels = np.repeat(np.arange(clusters), each)
+    shares: dict[str, list[float]] = {"by place": [], "nowhere": []}
+    for _ in range(60):
+        at = rng.uniform(-1, 1, size=(len(labels), 2))
+        A = 0.4 * rng.normal(size=(len(labels), 1, p))
+        A[:, 0, 0] += at[:, 0]
+        rows = A @ np.linalg.cholesky(np.linalg.inv(np.einsum("nij,nik->jk", A, A)))
+        flat = rows[:, 0]
+        e = rng.normal(size=len(flat)) + level * np.sum(rng.normal(size=(clusters, 2))[labels] * at, axis=1)
+        found = cluster_scores(rows, (e - flat @ (flat.T @ e))[:, None], labels, root=np.eye(p), at=at)
+        most = np.linalg.eigh(found.alike)[1][:, -1]
+        pulls = np.array([most @ flat[labels == g].T @ at[labels == g] for g in range(clusters)])
+        few = (t_interval(min(found.freedom, clusters - 1)) / 1.96) ** 2
+        for name, scores in (("by place", found), ("nowhere", replace(found, alike=None))):
+            shares[name].append(float(most @ scores.shared @ most) / (few * level**2 * float(np.sum(pulls**2))))
+    assert np.mean(shares["by place"]) == pytest.approx(0.86, abs=0.1)
+    assert np.mean(shares["nowhere"]) < 0.7
+
+
+def test_clusters_of_which_a_few_say_all_count_as_few() -> None:
+    G = np.zeros((20, 2, 2))
+    G[:4] = np.eye(2) * 0.24
+    G[4:] = np.eye(2) * 0.0025
+    assert corrected(np.ones((20, 2)), G, root=np.eye(2)).freedom == pytest.approx(1 / np.sum(G[:, 0, 0] ** 2))
+    assert corrected(np.ones((20, 2)), np.tile(np.eye(2) / 20, (20, 1, 1)), root=np.eye(2)).freedom == pytest.approx(20)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from numba import types
 
 from calibrant.compiled import compiled
@@ -67,3 +68,37 @@ def corrected(z, G, work, out, left):  # type: ignore[no-untyped-def]
             for a in range(p):
                 work[0, a] = work[1, a]
                 out[g, a] += share * work[1, a]
+
+
+@compiled(types.void(_c3, _c2, _i1, _f3))
+def add_patterns(rows, at, labels, B):  # type: ignore[no-untyped-def]
+    """B[g, c d + h] += w_c J[h] over the blocks J (d, p) with label g, w = 1, x, y: their places at (N, 2) from the
+    cluster's mean, in units of its spread."""
+    N, d, p = rows.shape
+    n = B.shape[0]
+    middle, spread, count = np.zeros((n, 2)), np.zeros(n), np.zeros(n)
+    for i in range(N):
+        g = labels[i]
+        count[g] += 1
+        for c in range(2):
+            middle[g, c] += at[i, c]
+    for g in range(n):
+        for c in range(2):
+            middle[g, c] /= max(count[g], 1.0)
+    for i in range(N):
+        g = labels[i]
+        for c in range(2):
+            spread[g] += (at[i, c] - middle[g, c]) ** 2
+    for g in range(n):
+        # Of one axis; a single block has no spread and no linear map.
+        spread[g] = np.sqrt(0.5 * spread[g] / max(count[g], 1.0))
+    for i in range(N):
+        g = labels[i]
+        unit = 1 / spread[g] if spread[g] > 0 else 0.0
+        x, y = unit * (at[i, 0] - middle[g, 0]), unit * (at[i, 1] - middle[g, 1])
+        for h in range(d):
+            for a in range(p):
+                J = rows[i, h, a]
+                B[g, h, a] += J
+                B[g, d + h, a] += x * J
+                B[g, 2 * d + h, a] += y * J

@@ -11,15 +11,25 @@ what it could), so that (I - G_g)^-1/2 z_g has G_g (Bell and McCaffrey 2002, "Bi
 linear regression with multi-stage samples", CR2) and their sum of squares S = sum z z^T is I on average.
 
 S of n clusters in p dimensions is a poor estimate by itself: as many clusters as a calibration has views make its
-small eigenvalues far too small. It is drawn towards a multiple of I as far as its own scatter asks for (Ledoit and Wolf
-2004, "A well-conditioned estimator for large-dimensional covariance matrices", Lemma 3.1 to 3.4):
+small eigenvalues far too small. It is drawn towards what it would be if the clusters shared the simplest of errors.
+Errors that points share are smooth across them, and smooth errors are a shift and a linear map to first order. With
+the patterns P_i (d, 3 d) of both at residual i, of the places x_i from their mean in units of their spread,
+
+    B_g = C^-1/2 sum_(i in g) phi_i [I, x_i I, y_i I],   T = I + t B,   B = sum_g B_g B_g^T,   t = (tr S - p) / tr B
+
+(t = 0 where tr S is below p). Such errors fall where the data are otherwise best, as the ratio of focal lengths: a
+multiple of I, towards which S was drawn, would spread them over all directions. In the metric of T, that is with
+T^-1/2 z_g for z_g, S is drawn to a multiple of I as far as its own scatter asks for (Ledoit and Wolf 2004, "A
+well-conditioned estimator for large-dimensional covariance matrices", Lemma 3.1 to 3.4):
 
     S* = (1 - l) S + l k I,    k = tr S / p,    l = min(1, sum_g |z_g z_g^T - S / n|^2 n / (n - 1) / |S - k I|^2).
 
 What S* has above I is what the clusters share. It is added for each way of clustering; nothing is taken away, since
-residuals that seem to cancel within a cluster do so by chance. S* of n clusters is itself uncertain: what it adds is
-multiplied by (t / 1.96)^2, t the 97.5 % point of Student's distribution with n - 1 degrees of freedom, so that 1.96
-sigma hold 95 % with few clusters too.
+residuals that seem to cancel within a cluster do so by chance. S* is itself uncertain: what it adds is multiplied by
+(t / 1.96)^2, t the 97.5 % point of Student's distribution, so that 1.96 sigma hold 95 % with few clusters too. Clusters
+are as few as those that make up S: independent z_g give it the mean square scatter sum_g tr G_g^2 + (tr G_g)^2, that
+of p (p + 1) / (this sum) equal ones (Bell and McCaffrey's degrees of freedom, for all directions at once), n - 1 at
+most.
 """
 
 from __future__ import annotations
@@ -46,10 +56,16 @@ _OWN = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Clusters:
-    """Scores (n, p) of n clusters, corrected for what the fit took, where C = R R^T is I; root (k, p): R."""
+    """Scores (n, p) of n clusters, corrected for what the fit took, where C = R R^T is I; root (k, p): R.
+
+    freedom: of as many equal clusters the scores scatter as much; alike (p, p): sum B_g B_g^T of a shift and a linear
+    map of each cluster, None where nothing is known of what is shared.
+    """
 
     scores: Array
     root: Array
+    freedom: float = np.inf
+    alike: Array | None = None
 
     @cached_property
     def shared(self) -> Array:
@@ -57,16 +73,27 @@ class Clusters:
         n, p = self.scores.shape
         if n < LEAST_CLUSTERS or p == 0:
             return np.zeros((p, p))
-        S = self.scores.T @ self.scores
+        root, inverse = self._towards()
+        scores = self.scores @ inverse
+        S = scores.T @ scores
         k = float(np.trace(S)) / p
         away = float(np.sum((S - k * np.eye(p)) ** 2))
-        lengths = np.sum(self.scores**2, axis=1)
+        lengths = np.sum(scores**2, axis=1)
         # sum |z z^T - S / n|^2 = sum |z|^4 - |S|^2 / n.
         scatter = (float(np.sum(lengths**2)) - float(np.sum(S * S)) / n) * n / (n - 1)
         drawn = min(1.0, scatter / away) if away > 0 else 1.0
-        values, axes = np.linalg.eigh((1 - drawn) * S + drawn * k * np.eye(p))
-        few = (t_interval(n - 1) / NORMAL_95) ** 2
+        values, axes = np.linalg.eigh(root @ ((1 - drawn) * S + drawn * k * np.eye(p)) @ root)
+        few = (t_interval(max(min(self.freedom, n - 1), LEAST_CLUSTERS - 1)) / NORMAL_95) ** 2
         return np.asarray(few * (axes * np.maximum(values - 1, 0)) @ axes.T)
+
+    def _towards(self) -> tuple[Array, Array]:
+        """T^1/2 and T^-1/2 (p, p), symmetric."""
+        p = self.scores.shape[1]
+        more, size = float(np.sum(self.scores**2)) - p, 0.0 if self.alike is None else float(np.trace(self.alike))
+        if self.alike is None or more <= 0 or size <= 0:
+            return np.eye(p), np.eye(p)
+        values, axes = np.linalg.eigh(np.eye(p) + more / size * self.alike)
+        return (axes * np.sqrt(values)) @ axes.T, (axes / np.sqrt(values)) @ axes.T
 
 
 def clustered_covariance(covariance: Array, clusterings: Sequence[Clusters]) -> Array:
@@ -87,21 +114,32 @@ def square_root(covariance: Array) -> tuple[Array, Array]:
     return scale[:, None] * axes[:, free] * root, (axes[:, free] / root).T / unit
 
 
-def cluster_scores(rows: Array, residuals: Array, labels: Indices, *, root: Array) -> Clusters:
+def cluster_scores(rows: Array, residuals: Array, labels: Indices, *, root: Array, at: Array | None = None) -> Clusters:
     """Scores of the clusters that labels name.
 
     Args: rows (N, d, p), C^-1/2 phi of every residual block; residuals (N, d), in units of their sigma; labels (N,),
-    the cluster of each block, counted from 0; root: as `square_root` gives it.
+    the cluster of each block, counted from 0; root: as `square_root` gives it; at (N, 2): where the blocks are, over
+    which what clusters share is smooth, None where they are nowhere.
     """
     from calibrant.optimize import cluster_kernels
 
     n, p = int(labels.max()) + 1, rows.shape[2]
     sums, G = np.zeros((n, p)), np.zeros((n, p, p))
     cluster_kernels.add_rows(rows, residuals, labels, sums, G)
-    return corrected(sums, G, root=root)
+    return corrected(sums, G, root=root, alike=None if at is None else alike_by_place(rows, labels, at, n))
 
 
-def corrected(sums: Array, G: Array, *, root: Array) -> Clusters:
+def alike_by_place(rows: Array, labels: Indices, at: Array, n: int) -> Array:
+    """sum B_g B_g^T (p, p) of rows (N, d, p) at these places (N, 2): see the top of the module."""
+    from calibrant.optimize import cluster_kernels
+
+    B = np.zeros((n, 3 * rows.shape[1], rows.shape[2]))
+    cluster_kernels.add_patterns(rows, np.ascontiguousarray(at), labels, B)
+    flat = B.reshape(-1, rows.shape[2])
+    return np.asarray(flat.T @ flat)
+
+
+def corrected(sums: Array, G: Array, *, root: Array, alike: Array | None = None) -> Clusters:
     """Clusters of the scores z_g (n, p) and G_g (n, p, p): see the top of the module."""
     from calibrant.optimize import cluster_kernels
 
@@ -114,7 +152,9 @@ def corrected(sums: Array, G: Array, *, root: Array) -> Clusters:
         spread = np.where(known, 1 / np.sqrt(np.where(known, values, 1.0)), 0.0)
         turned = (sums[large][:, None, :] @ axes)[:, 0] * spread
         scores[large] = (axes @ turned[:, :, None])[:, :, 0]
-    return Clusters(scores, root)
+    scatter = float(np.sum(G * G) + np.sum(np.einsum("gii->g", G) ** 2))
+    freedom = p * (p + 1) / scatter if scatter > 0 else np.inf
+    return Clusters(scores, root, freedom, alike)
 
 
 def influence(

@@ -46,7 +46,7 @@ def shared_errors(
     root, inverse = square_root(independent)
     rows, residuals = influence(solution, "reprojection", "camera", onto=inverse * sigma_px)
     clusterings = [
-        cluster_scores(rows, residuals / sigma_px, labels, root=root)
+        cluster_scores(rows, residuals / sigma_px, labels, root=root, at=stacked.uv)
         for labels in (
             np.repeat(np.arange(len(views)), np.diff(stacked.offsets)),
             _numbered(np.concatenate([v.point_ids for v in views])),

@@ -19,7 +19,14 @@ from calibrant.calibrate.intrinsics.shared_errors import ROUNDING_PX
 from calibrant.calibrate.review.residuals import places
 from calibrant.data import View
 from calibrant.optimize import cluster_kernels
-from calibrant.optimize.clusters import Clusters, clustered_covariance, corrected, influence, square_root
+from calibrant.optimize.clusters import (
+    Clusters,
+    alike_by_place,
+    clustered_covariance,
+    corrected,
+    influence,
+    square_root,
+)
 from calibrant.optimize.solution import Solution
 
 Label = Callable[[str, View], Iterator[object]]
@@ -86,6 +93,11 @@ def _clusters(rows: list[_Rows], label: Label, root: Array) -> Clusters:
         labels.append(np.array([number.setdefault(n, len(number)) for n in names], dtype=np.int64))
     p = root.shape[1]
     sums, G = np.zeros((len(number), p)), np.zeros((len(number), p, p))
-    for (influences, residuals, _), mine in zip(rows, labels):
-        cluster_kernels.add_rows(np.ascontiguousarray(influences), np.ascontiguousarray(residuals), mine, sums, G)
-    return corrected(sums, G, root=root)
+    alike = np.zeros((p, p))
+    for (influences, residuals, edges), mine in zip(rows, labels):
+        J = np.ascontiguousarray(influences)
+        cluster_kernels.add_rows(J, np.ascontiguousarray(residuals), mine, sums, G)
+        seen = [v.uv for _, v in edges if v is not None]
+        if seen:
+            alike += alike_by_place(J, mine, np.concatenate(seen), len(number))
+    return corrected(sums, G, root=root, alike=alike)

@@ -79,6 +79,15 @@ def test_rectangles_are_told_by_rolled_views_and_the_cure_cures() -> None:
     assert abs(cured.camera.parameters["fx"] / cured.camera.parameters["fy"] - 1) < 1e-3
 
 
+def test_the_focal_length_has_one_sigma() -> None:
+    result = cb.calibrate_intrinsics(_seen(12, BOARD * [1.0, 1.02, 1.0]))
+    sigma, check = result.camera.sigma, result.check("focal-length")
+    assert check.value == pytest.approx(max(sigma[n] / result.camera.parameters[n] for n in ("fx", "fy")))
+    assert "cure that first" in check.message
+    warned = [c.name for c in result.checks if c.status == "warn"]
+    assert warned.index("board-squares") < warned.index("focal-length")
+
+
 def test_rectangles_of_a_board_that_was_never_rolled_are_said_with_their_size() -> None:
     check = cb.calibrate_intrinsics(_seen(13, BOARD * [1.0, 1.004, 1.0], roll_deg=1.0)).check("board-squares")
     assert check.status == "warn"

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from calibrant.calibrate.intrinsics.checks import focal_length_with_faults
 from calibrant.calibrate.intrinsics.fit import ORDINARY, Stopping
 from calibrant.calibrate.intrinsics.model_choice import AUTO, calibrate_auto
 from calibrant.calibrate.intrinsics.one_model import calibrate_keeping
@@ -105,6 +106,15 @@ def _stopped(result: CalibrationResult, stop: Stopping) -> CalibrationResult:
 
 def _reviewed(result: CalibrationResult) -> CalibrationResult:
     """The result, reviewed. Raises: RefusedError, which holds it, where its own observations speak against it."""
-    reviewed = review(result)
+    reviewed = _one_sigma(review(result), result)
     refuse_if_failed(reviewed)
     return reviewed
+
+
+def _one_sigma(reviewed: CalibrationResult, fitted: CalibrationResult) -> CalibrationResult:
+    """The result whose check of the focal length states the sigma that the review left it with, after its causes."""
+    check = focal_length_with_faults(reviewed.camera, fitted.camera)
+    if check is None:
+        return reviewed
+    checks = (*(c for c in reviewed.checks if c.name != check.name), check)
+    return replace(reviewed, checks=checks, verdict=verdict_of(checks))

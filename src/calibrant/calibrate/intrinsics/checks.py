@@ -35,6 +35,9 @@ STILL_PX = 1.0
 """A board whose points lie within this of where another view has them, rms, was not moved in between: it repeats."""
 
 
+FOCAL = "focal-length"
+
+
 def require_conditions(views: Sequence[View], model: CameraModel, fix: Sequence[str]) -> None:
     """Refuse views too few for the focal lengths and the principal point that are free. Repeated views count once.
 
@@ -79,7 +82,7 @@ def intrinsics_checks(
     return (
         _convergence(solution),
         _kept_views_check(views),
-        _focal_length(camera),
+        focal_length_check(camera),
         _reprojection(camera, rms_px),
         _outliers(views, marked),
         _agreement_check(views),
@@ -101,18 +104,33 @@ def _kept_views_check(views: Sequence[ViewResult]) -> Check:
     return Check("views", "ok", text, used)
 
 
-def _focal_length(camera: Camera) -> Check:
+def focal_length_check(camera: Camera) -> Check:
+    """How well the focal length is known, and what to do where that is not well enough."""
     relative = _focal_uncertainty(camera)
-    text = f"the focal length is known to {100 * relative:.2g} % (1 sigma)"
+    text = _focal_text(relative)
     if relative > FOCAL_FAIL:
-        return Check(
-            "focal-length", "fail", f"{text}: the views do not determine it; tilt the board 20 to 45 degrees", relative
-        )
+        return Check(FOCAL, "fail", f"{text}: the views do not determine it; tilt the board 20 to 45 degrees", relative)
     if relative > FOCAL_WARN:
-        return Check(
-            "focal-length", "warn", f"{text}; more views with the board tilted would make it sharper", relative
-        )
-    return Check("focal-length", "ok", text, relative)
+        return Check(FOCAL, "warn", f"{text}; more views with the board tilted would make it sharper", relative)
+    return Check(FOCAL, "ok", text, relative)
+
+
+def focal_length_with_faults(camera: Camera, fitted: Camera) -> Check | None:
+    """The check for a camera whose sigma was made to hold what the review found; None where it holds no more.
+
+    Args: fitted, the camera as the fit stated it. What the faults add no tilted view cures: they are to be.
+    """
+    relative, alone = _focal_uncertainty(camera), _focal_uncertainty(fitted)
+    if relative <= alone or alone > FOCAL_FAIL:
+        return None  # nothing was added, or the views do not tell it anyway
+    text = f"{_focal_text(relative)}, to {100 * alone:.2g} % beside what the other checks name"
+    if relative <= FOCAL_WARN:
+        return Check(FOCAL, "ok", text, relative)
+    return Check(FOCAL, "warn", f"{text}: cure that first", relative)
+
+
+def _focal_text(relative: float) -> str:
+    return f"the focal length is known to {100 * relative:.2g} % (1 sigma)"
 
 
 def _reprojection(camera: Camera, rms_px: float) -> Check:

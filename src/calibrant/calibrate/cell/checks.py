@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import comb
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,6 +29,8 @@ SCALE_FAIL = 1.1
 NOTHING = 0.001
 """Millimetres and degrees: the finest that makers state of a robot's repeatability is ten times that."""
 FEW_USED_SHARE = 2 / 3
+STRETCH_CHANCE = 1e-3
+"""Chance that views left out for no common reason are the first or the last ones: one set of a thousand."""
 HELD_OUT_FACTOR = 2.0
 """Leaving one of n poses out inflates the error by about 1 + 6 / n: below twofold nobody need ask."""
 HELD_OUT_CHANCE = 1e-3
@@ -93,10 +96,26 @@ def views_check(views: Sequence[ViewResult]) -> Check:
     text = f"{used} of {n} poses used"
     if used < n:
         out = [v.id if len(cameras) == 1 else f"{v.camera}: {v.id}" for v in views if not v.used]
-        text += f"; left out: {', '.join(out)}"
+        text += f"; left out: {', '.join(out)}{_as_one_stretch(views) if len(cameras) == 1 else ''}"
     if used < FEW_USED_SHARE * n:
         return Check("views", "warn", f"{text}. More than a third is missing: look for a common cause", float(used))
-    return Check("views", "ok", text, float(used))
+    stretch = len(cameras) == 1 and _as_one_stretch(views)
+    return Check("views", "warn" if stretch else "ok", text, float(used))
+
+
+def _as_one_stretch(views: Sequence[ViewResult]) -> str:
+    """What it means that those left out are the first or the last ones; nothing where they are spread, or may be by
+    chance: there are n over k ways to choose k of n, and two are stretches at an end."""
+    n, out = len(views), [i for i, v in enumerate(views) if not v.used]
+    k = len(out)
+    if 2 / comb(n, k) > STRETCH_CHANCE or out not in (list(range(k)), list(range(n - k, n))):
+        return ""
+    first = k if out[0] == 0 else n - k
+    end = "first" if out[0] == 0 else "last"
+    return (
+        f" (the {end} {k} in one stretch: did the camera, the board or the robot's stand move between "
+        f"{views[first - 1].id} and {views[first].id}? Calibrate each part by itself)"
+    )
 
 
 def together_check(camera: str, together: float, own: float) -> Check:

@@ -14,6 +14,7 @@ from calibrant.calibrate.cell import checks as questions
 from calibrant.calibrate.cell.certainty.checks import given_lens_check, lens_shift_check, shared_errors_check
 from calibrant.calibrate.cell.certainty.image_causes import no_cause_repeats
 from calibrant.calibrate.cell.certainty.lens import along_with
+from calibrant.calibrate.cell.certainty.moved_check import moved_check
 from calibrant.calibrate.cell.certainty.whole import Certainty, growth
 from calibrant.calibrate.cell.checks import LoopDeviations
 from calibrant.calibrate.cell.fitted import fitted_cameras, fitted_transforms, said_poses
@@ -260,6 +261,9 @@ def _certainty_checks(cell: Cell, solution: Solution, certainty: Certainty) -> I
     for robot, shared in certainty.robots.items():
         name = robot if len(cell.layout.robots) > 1 else ""
         yield from (_named(c, name) for c in shared_errors_check(shared, growth(cell, solution)))
+    for robot, push in certainty.moves.items():
+        name = robot if len(cell.layout.robots) > 1 else ""
+        yield _named(moved_check(cell, solution, robot, push), name)
     for camera, shift in certainty.lenses.items():
         name = camera if len(cell.roles) > 1 else ""
         yield from (_named(c, name) for c in lens_shift_check(cameras[camera], shift))

@@ -11,6 +11,7 @@ from calibrant.arrays import Array
 from calibrant.calibrate.cell.certainty.accuracy import RobotAccuracy, accuracy_shares
 from calibrant.calibrate.cell.certainty.given_lens import LensDoubt, lens_doubt
 from calibrant.calibrate.cell.certainty.lens import LensShift, along_with, lens_shift
+from calibrant.calibrate.cell.certainty.moved import Moved, moved
 from calibrant.calibrate.cell.certainty.neighbours import NeighbourErrors, shared_errors
 from calibrant.calibrate.cell.certainty.pose_errors import pose_errors
 from calibrant.calibrate.cell.certainty.size import size_shares
@@ -25,11 +26,12 @@ from calibrant.optimize.solution import Solution
 
 @dataclass(frozen=True, eq=False)
 class Certainty:
-    """What was added to the covariance, by robot and by camera."""
+    """What was added to the covariance, by robot and by camera; moves: what was pushed, by robot."""
 
     robots: Mapping[str, NeighbourErrors]
     lenses: Mapping[str, LensShift]
     doubts: Mapping[str, LensDoubt]
+    moves: Mapping[str, Moved]
 
 
 def certain(
@@ -48,6 +50,7 @@ def certain(
     there = {v.name for v in solution.problem.variables}
     beside: Array = np.zeros_like(solution.shared_covariance)
     robots: dict[str, NeighbourErrors] = {}
+    moves: dict[str, Moved] = {}
     for robot in cell.layout.robots:
         if poses_variable(robot) not in there:
             continue
@@ -55,6 +58,9 @@ def certain(
         if errors is None:
             continue
         found = shared_errors(errors)
+        push = moved(errors)
+        if push is not None:
+            moves[robot] = push
         if found is not None:
             robots[robot] = found
             beside = beside + found.covariance
@@ -78,7 +84,7 @@ def certain(
             if shift is not None:
                 lenses[name] = shift
                 beside = beside + shift.covariance
-    return replace(noise, solution=replace(solution, beside=beside)), Certainty(robots, lenses, doubts)
+    return replace(noise, solution=replace(solution, beside=beside)), Certainty(robots, lenses, doubts, moves)
 
 
 def growth(cell: Cell, solution: Solution) -> float:

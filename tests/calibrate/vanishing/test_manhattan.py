@@ -157,6 +157,17 @@ def test_a_wrong_camera_shows_in_the_angles() -> None:
     assert any(c.status == "warn" for c in wrong.checks if c.name.startswith(("orthogonality-", "edges")))
 
 
+def test_walls_a_degree_off_and_blurred_edges_are_said() -> None:
+    R = so3.exp([0.35, 0.6, 0.1])
+    slanted = R.copy()
+    slanted[:, 1] = np.cos(np.deg2rad(1)) * R[:, 1] + np.sin(np.deg2rad(1)) * R[:, 0]
+    found = vanishing_result(manhattan_rotation(edges(PINHOLE, slanted, (12, 12, 12), sigma_px=0.1), PINHOLE))
+    assert any(c.status == "warn" for c in found.checks if c.name.startswith("orthogonality-"))
+    blurred = vanishing_result(manhattan_rotation(edges(PINHOLE, R, (12, 12, 12), sigma_px=0.8), PINHOLE))
+    assert "more than a sharp edge's" in blurred.check("edges").message
+    assert all(c.status == "ok" for c in blurred.checks if c.name.startswith("orthogonality-"))
+
+
 def test_two_directions_give_the_third() -> None:
     R = turned(5)
     found = manhattan_rotation(edges(PINHOLE, R, (9, 8, 0), sigma_px=0.1), PINHOLE)

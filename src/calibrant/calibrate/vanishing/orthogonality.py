@@ -1,7 +1,8 @@
 """Are the scene's directions orthogonal? Each is found from its own edges alone, and the angles are compared with 90.
 
 With M_k = sum n_i n_i^T / sigma_i^2 over the edges of direction k, d_k is the eigenvector of the least eigenvalue and
-its covariance pinv(M_k) across d_k.
+its covariance pinv(M_k) across d_k. sigma_i is of the fit that holds them at right angles, where edges that are not err
+by what they lack: it is scaled to what each leaves about its own direction, over all of them.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from calibrant.cameras import Camera
 
 FEWEST_EDGES = 3
 """Two edges give a direction whatever they are; a third one has a say."""
+OF_THE_FIT = 4.0
+"""Edges that the noise of the whole fit counts as: a handful about their own directions may lie close by chance."""
 
 
 @dataclass(frozen=True)
@@ -67,20 +70,24 @@ def right_angles(
 def _circle_angles(fit: Fit, circles: Circles, pairs: list[tuple[int, int]]) -> tuple[Array, Array]:
     """Angle less 90 degrees of each pair, and its variance: two (p,), radians."""
     found = {k: _circle_direction(fit, circles, k) for k in {k for pair in pairs for k in pair}}
+    squares = sum(least for _, _, least in found.values())
+    spare = sum(int(np.sum(fit.member == k)) - 2 for k in found)
+    own = min((squares + OF_THE_FIT) / (spare + OF_THE_FIT), 1.0)
     off, variance = np.zeros(len(pairs)), np.zeros(len(pairs))
     for i, (a, b) in enumerate(pairs):
-        (da, Ca), (db, Cb) = found[a], found[b]
+        (da, Ca, _), (db, Cb, _) = found[a], found[b]
         off[i] = -np.arcsin(np.clip(da @ db, -1, 1))
-        variance[i] = db @ Ca @ db + da @ Cb @ da
+        variance[i] = own * (db @ Ca @ db + da @ Cb @ da)
     return off, variance
 
 
-def _circle_direction(fit: Fit, circles: Circles, k: int) -> tuple[Array, Array]:
-    """A direction (3,) from its own edges, its sign that of the fit, and its covariance (3, 3)."""
+def _circle_direction(fit: Fit, circles: Circles, k: int) -> tuple[Array, Array, float]:
+    """A direction (3,) from its own edges, its sign that of the fit, its covariance (3, 3), and the squares left."""
     mine = fit.member == k
     d = fit.R_camera_scene[:, k]
     _, unit = whitened(circles.only(mine), d, fit.focal)
     n = scaled_normals(circles.only(mine), fit.focal) / (unit * fit.noise[mine])[:, None]
     spread, axes = np.linalg.eigh(n.T @ n)
     own = axes[:, 0] * np.where(axes[:, 0] @ d < 0, -1.0, 1.0)
-    return own, (axes[:, 1:] / np.maximum(spread[1:], 1e-300)) @ axes[:, 1:].T
+    covariance = (axes[:, 1:] / np.maximum(spread[1:], 1e-300)) @ axes[:, 1:].T
+    return own, covariance, float(max(spread[0], 0.0))

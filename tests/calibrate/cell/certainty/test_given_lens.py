@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import calibrant as cb
+from calibrant.calibrate.cell.certainty import given_lens
 from calibrant.cameras import Camera
 from calibrant.geometry import se3
 from calibrant.simulate.cell import Cell, make_cell, observe_cell
@@ -54,3 +55,15 @@ def test_of_several_cameras_the_wrong_one_is_named(cell: Cell) -> None:
     # The other one sees the same board on the same robot, and is pulled along.
     found = {c.name: c.value or 0.0 for c in result.checks if c.name.startswith("given-lens")}
     assert max(found, key=lambda name: found[name]) == "given-lens-right"
+
+
+def test_a_lens_that_is_off_by_little_is_doubted_by_that() -> None:
+    """A centre two sigma off is beyond no test's threshold: what the cell cannot tell of it is in sigma."""
+    names = ("fx", "fy", "cx", "cy")
+    off = given_lens.mean_square(0.25 * np.eye(4), np.array([0.0, 0.0, 1.0, 0.0]), names)
+    assert 0.1 < off[2, 2] < 0.6
+    assert off[0, 0] < 0.5 * off[2, 2]
+    right = given_lens.mean_square(0.25 * np.eye(4), np.zeros(4), names)
+    assert 0 < np.max(np.diag(right)) < 0.25 * 0.25
+    wrong = given_lens.mean_square(0.25 * np.eye(4), np.array([0.0, 0.0, 10.0, 0.0]), names)
+    assert wrong[2, 2] == pytest.approx(100, rel=0.2)

@@ -1,14 +1,15 @@
 """A lens that was given as exact, beside what the cell says of it: is it the lens that took these pictures?
 
 With its focal lengths and its centre free at the end of the fit, one step leads to where robot and pictures put them, d
-away, with the covariance C (what points of a view share is in it, see `views`). As for `size`, lenses are before the
-data as given, or with odds `ODDS` off by what is normal with the covariance w^2 C. The likelihood of the second against
-the first, in k parameters, is
+away, with the covariance C = P^-1 (what points of a view share is in it, see `views`). As for `size`, lenses are before
+the data as given, or with odds `ODDS` off in focal lengths, centre or both: by what is normal with w^2 times what the
+cell tells these to, C_s = P_ss^-1, all else as given, each of `SPREADS` alike. They are then seen to be off by
+d_s = C_s P_s d, and the likelihood against that of a lens as given is, in k parameters,
 
-    (1 + w^2)^(-k/2) exp(b d^T C^-1 d / 2),     b = w^2 / (1 + w^2),
+    (1 + w^2)^(-k/2) exp(b d_s^T P_ss d_s / 2),     b = w^2 / (1 + w^2).
 
-and then the lens is off by b C + b^2 d d^T in mean square. Averaged, a lens that agrees costs sigma a few per cent, and
-one that does not is held by it. Beyond chance it is named.
+The lens is off by b C_s + b^2 d_s d_s^T in mean square. Averaged, a lens that agrees costs sigma what cannot be told of
+it, and one that does not is held by it. Beyond chance it is named.
 """
 
 from __future__ import annotations
@@ -31,8 +32,10 @@ from calibrant.optimize.structure import SHARED
 
 ODDS = 1.0
 """Of two lenses that are given as exact, one is off by as much as a cell can see: nobody's is exact."""
-SPREAD = 4.0
-"""Multiples of what the cell tells of the lens: where it tells, doubts are beyond it."""
+SPREADS = (1.0, 4.0)
+"""Multiples of what the cell tells of the lens: from what it just cannot tell to what it does."""
+TOGETHER = (("fx", "fy"), ("cx", "cy"), ("fx", "fy", "cx", "cy"))
+"""What is off at once: focus and zoom, crop, and size or another camera."""
 MAIN = ("fx", "fy", "cx", "cy")
 """What files get wrong, of another size, crop or focus; the rest hardly shows in a few views."""
 
@@ -85,16 +88,34 @@ def lens_doubt(cell: Cell, solution: Solution, freed: Solution, camera: str, *, 
     squares = float((d / scale) @ np.linalg.solve(C_all / scale[:, None] / scale, d / scale))
     chance = chi2_tail(len(d), squares)
     names = tuple(role.camera.model.parameter_names[k] for k in free)
-    share = SPREAD**2 / (1 + SPREAD**2)
-    log_odds = np.log(ODDS) - 0.5 * len(d) * np.log1p(SPREAD**2) + 0.5 * share * squares
-    off = 1 / (1 + np.exp(-min(float(log_odds), 700.0)))
-    added = off * (share * C_all + share**2 * np.outer(d, d))
+    added = mean_square(C_all, d, names)
     K = np.linalg.solve(C / scale[:, None] / scale, freed.shared_covariance[columns] / scale[:, None]).T / scale
     moved = np.zeros((len(solution.shared_covariance), len(d)))
     for v in solution.problem.variables:
         if v.name != lens:
             moved[_columns(solution, v.name)] = K[_columns(freed, v.name)]
     return LensDoubt(moved @ added @ moved.T, chance, names, d, scale)
+
+
+def mean_square(C: Array, d: Array, names: tuple[str, ...]) -> Array:
+    """What the lens is off by, (k, k), averaged over what may be off in it and by how much."""
+    scale = np.sqrt(np.diag(C))
+    P = np.linalg.inv(C / scale[:, None] / scale)
+    apart = [[k for k, n in enumerate(names) if n in group] for group in TOGETHER]
+    groups = [g for i, g in enumerate(apart) if g and g not in apart[:i]]
+    logs, squares = [0.0], [np.zeros_like(C)]
+    for g in groups:
+        C_g = np.linalg.inv(P[np.ix_(g, g)])
+        off = C_g @ P[g] @ (d / scale)
+        for w in SPREADS:
+            share = w**2 / (1 + w**2)
+            odds = np.log(ODDS / len(groups) / len(SPREADS)) - 0.5 * len(g) * np.log1p(w**2)
+            logs.append(float(odds + 0.5 * share * off @ P[np.ix_(g, g)] @ off))
+            whole = np.zeros_like(C)
+            whole[np.ix_(g, g)] = share * C_g + share**2 * np.outer(off, off)
+            squares.append(whole)
+    chance = np.exp(np.array(logs) - max(logs))
+    return np.asarray(scale[:, None] * np.tensordot(chance / chance.sum(), squares, 1) * scale)
 
 
 def _columns(solution: Solution, name: str) -> Indices:

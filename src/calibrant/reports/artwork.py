@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.opencv import cv2
 from calibrant.reports.sheet import TEXT_MM, DiscFill, Fill, Label, Sheet
@@ -19,6 +20,9 @@ POINTS_PER_MM = 72.0 / 25.4
 # The finest of these that keeps the picture within a size that viewers open.
 RESOLUTIONS_DPI = (600, 300, 200, 150, 100)
 MOST_PIXELS = 60e6
+BAND_PX = 512
+"""Rows painted at once: a sheet of 60 million pixels takes 15 times its size in memory otherwise."""
+FIXED_POINT_BITS = 8
 # Four cubic arcs this long make a circle to 3 parts in 10000: 4/3 (sqrt 2 - 1).
 ARC = 4.0 / 3.0 * (np.sqrt(2.0) - 1.0)
 
@@ -96,7 +100,8 @@ def resolution_dpi(sheet: Sheet) -> int:
 
 
 def pixels(sheet: Sheet, dpi: float) -> NDArray[np.uint8]:
-    """The sheet in pixels (h, w); a pixel is inked where its centre is."""
+    """The sheet in pixels (h, w); a pixel is as grey as the part of it that is inked: edges lie where they should, not
+    on the nearest dot, which every photo of the board would show displaced alike."""
     scale = dpi / 25.4
     image = np.full((round(sheet.size[1] * scale), round(sheet.size[0] * scale)), 255, np.uint8)
     for item in sheet.items:
@@ -108,20 +113,43 @@ def pixels(sheet: Sheet, dpi: float) -> NDArray[np.uint8]:
         elif isinstance(item, DiscFill):
             _fill_disc(image, item, scale)
         else:
-            for ring in item.rings:
-                _fill_ring(image, np.array(ring) * scale, round(255 * item.grey))
+            _fill(image, [np.array(ring) * scale for ring in item.rings], round(255 * item.grey))
     return image
 
 
-def _fill_ring(image: NDArray[np.uint8], ring: NDArray[np.float64], grey: int) -> None:
-    low, high = ring.min(axis=0), ring.max(axis=0)
-    if len(ring) == 4 and np.all(np.isclose(ring, low) | np.isclose(ring, high)):
-        (x0, y0), (x1, y1) = (np.ceil(corner - 0.5).astype(int) for corner in (low, high))
-        image[max(y0, 0) : max(y1, 0), max(x0, 0) : max(x1, 0)] = grey
+def _fill(image: NDArray[np.uint8], rings: Sequence[Array], grey: int) -> None:
+    """Paints rings, px, that do not overlap; where two of them share a pixel, what they cover of it adds up."""
+    boxes = np.array([[ring.min(axis=0), ring.max(axis=0)] for ring in rings if _is_box(ring)])
+    for ring in (ring for ring in rings if not _is_box(ring)):
+        corners = np.round((ring - 0.5) * 2**FIXED_POINT_BITS).astype(np.int32)
+        cv2.fillPoly(image, [corners], grey, lineType=cv2.LINE_8, shift=FIXED_POINT_BITS)
+    if len(boxes) == 0:
         return
-    fixed_point_bits = 8
-    corners = np.round((ring - 0.5) * 2**fixed_point_bits).astype(np.int32)
-    cv2.fillPoly(image, [corners], grey, lineType=cv2.LINE_8, shift=fixed_point_bits)
+    size = np.array(image.shape[::-1])
+    low = np.clip(np.floor(boxes.min(axis=(0, 1))), 0, size).astype(int)
+    high = np.clip(np.ceil(boxes.max(axis=(0, 1))), low, size).astype(int)
+    x = np.arange(low[0], high[0])
+    for start in range(low[1], high[1], BAND_PX):
+        y = np.arange(start, min(start + BAND_PX, high[1]))
+        within = (boxes[:, 0, 1] < y[-1] + 1) & (boxes[:, 1, 1] > start)
+        rows, columns = (_covered(at, boxes[within][..., axis]) for at, axis in ((y, 1), (x, 0)))
+        _blend(image[y[0] : y[-1] + 1, low[0] : high[0]], rows.T @ columns, grey)
+
+
+def _is_box(ring: Array) -> bool:
+    low, high = ring.min(axis=0), ring.max(axis=0)
+    return len(ring) == 4 and bool(np.all(np.isclose(ring, low) | np.isclose(ring, high)))
+
+
+def _covered(at: NDArray[np.int64], spans: Array) -> NDArray[np.float32]:
+    """Part of each pixel at .. at + 1 that each span (n, 2) covers, (n, pixels)."""
+    edges = np.clip(np.append(at, at[-1] + 1), spans[:, :1], spans[:, 1:])
+    return np.diff(edges, axis=1).astype(np.float32)
+
+
+def _blend(image: NDArray[np.uint8], cover: NDArray[np.float32], grey: int) -> None:
+    """Lays a grey over a part of the picture as far as it covers each pixel."""
+    image[:] = np.rint(image + np.clip(cover, 0, 1) * (np.float32(grey) - image)).astype(np.uint8)
 
 
 def _fill_disc(image: NDArray[np.uint8], disc: DiscFill, scale: float) -> None:
@@ -129,7 +157,9 @@ def _fill_disc(image: NDArray[np.uint8], disc: DiscFill, scale: float) -> None:
     x0, x1 = max(int(cx - r), 0), min(int(cx + r) + 2, image.shape[1])
     y0, y1 = max(int(cy - r), 0), min(int(cy + r) + 2, image.shape[0])
     x, y = np.arange(x0, x1), np.arange(y0, y1)[:, None]
-    image[y0:y1, x0:x1][(x - cx) ** 2 + (y - cy) ** 2 <= r**2] = round(255 * disc.grey)
+    # A rim is straight over a pixel: it covers as much as its distance from the pixel's middle says.
+    cover = np.clip(r - np.hypot(x - cx, y - cy) + 0.5, 0, 1).astype(np.float32)
+    _blend(image[y0:y1, x0:x1], cover, round(255 * disc.grey))
 
 
 def _hex(grey: float) -> str:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from calibrant.cli.command import Call
 from calibrant.cli.outputs import beside_of
 from calibrant.cli.words import console, say, say_json, tell
-from calibrant.errors import RefusedError
+from calibrant.errors import CalibrantError, RefusedError
 from calibrant.tasks.outcome import Document, Outcome
 from calibrant.tasks.writing import write_documents
 
@@ -28,7 +28,7 @@ _LISTED = 3
 """Pictures of one folder that are named; of more, their number."""
 
 
-def finish(outcome: Outcome, call: Call) -> RefusedError | None:
+def finish(outcome: Outcome, call: Call) -> CalibrantError | None:
     """Write the documents, show the summary, say what was written. Returns: why the answer is no all the same: the
     outcome's own refusal, or warnings where --strict lets none pass. Raises: InputError.
     """

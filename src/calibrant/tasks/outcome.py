@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from calibrant.data import CalibrationResult
-    from calibrant.errors import RefusedError
+    from calibrant.errors import CalibrantError
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Outcome:
     page: Callable[[], str] | None = None
     warnings: tuple[str, ...] = ()
     then: NextStep | None = None
-    refusal: RefusedError | None = None
+    refusal: CalibrantError | None = None
 
     def noted(self, notes: Sequence[str]) -> Outcome:
         """The outcome whose result says what readers said on the way."""

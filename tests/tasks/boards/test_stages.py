@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calibrant.cameras.camera import Camera
-from calibrant.errors import InputError
+from calibrant.errors import DetectionError, InputError
 from calibrant.geometry import se3
 from calibrant.simulate.render import Look, render
 from calibrant.targets.registry import parse_target
@@ -48,6 +48,23 @@ def test_five_pictures_of_each_photo(tmp_path: Path, spec: str) -> None:
     decoded, quads = (pictures[f"board-stage-{stage}.png"] for stage in ("4-decoded", "3-quads"))
     assert green(decoded) > 100
     assert green(quads) == 0
+
+
+def test_photos_that_show_no_board_have_stages_and_say_where_it_was_lost(tmp_path: Path) -> None:
+    (tmp_path / "photos").mkdir()
+    other = parse_target("marker:100mm:DICT_4X4_50:3").artwork()
+    T = se3.make(np.eye(3), np.array([0.0, 0.0, 0.35]))
+    image = render(other, CAMERA, T, rng=np.random.default_rng(1), look=Look(clutter=0))
+    cv2.imwrite(str(tmp_path / "photos" / "other.png"), image)
+    cv2.imwrite(str(tmp_path / "photos" / "blank.png"), np.full((480, 640), 128, np.uint8))
+    outcome = detect.run(request_for(tmp_path, "marker:100mm:DICT_6X6_50:3"))
+    assert isinstance(outcome.refusal, DetectionError)
+    assert "blank.png lost at stage 2-threshold: nothing is dark" in str(outcome.refusal)
+    assert "other.png lost at stage 4-decoded: " in str(outcome.refusal)
+    assert len(list(outcome.documents)) == 10
+    assert outcome.result is None
+    again = detect.run(request_for(tmp_path, "marker:100mm:DICT_4X4_50:4"))
+    assert "other.png lost at stage 5-corners: of DICT_4X4_50 read (3)" in str(again.refusal)
 
 
 def test_a_board_without_markers_has_no_stages(tmp_path: Path) -> None:

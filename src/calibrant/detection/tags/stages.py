@@ -24,6 +24,8 @@ from calibrant.targets.target import Target
 NAMES = ("1-grey", "2-threshold", "3-quads", "4-decoded", "5-corners")
 COARSE_SIDE_PX = 1000
 """Of the first picture searched, longest side."""
+MOST_IDS = 8
+"""Markers of one photo that are named."""
 READ, UNREAD = (80, 220, 80), (60, 60, 230)
 """Colours in BGR of quadrilaterals with a code and without."""
 
@@ -58,6 +60,25 @@ def stages(grey: Grey, target: Target, view: View | None) -> list[Picture]:
     dark = dark_regions(level, contrast=found.effort.contrast, part=found.effort.part)[1:-1, 1:-1]
     corners = np.repeat(grey[..., np.newaxis], 3, axis=2) if view is None else draw(grey, view)
     return [level, np.asarray(255 * (1 - dark), np.uint8), _quads(grey, found), _decoded(grey, found), corners]
+
+
+def lost_at(grey: Grey, target: Target) -> str:
+    """At which stage the search of an image (h, w) that shows nothing of the target lost it, in words.
+
+    Raises: InputError for a target without markers.
+    """
+    wanted = with_markers(target)
+    found = _best_search(grey, wanted)
+    if len(found.quads) == 0:
+        level = level_of(grey, found.effort)
+        dark = dark_regions(level, contrast=found.effort.contrast, part=found.effort.part)
+        return "3-quads: no dark region has four straight sides" if dark.any() else "2-threshold: nothing is dark"
+    if len(found.markers) == 0:
+        count = len(found.quads)
+        seen = "the only quadrilateral has no" if count == 1 else f"none of {count} quadrilaterals has a"
+        return f"4-decoded: {seen} code of {wanted.dictionary}"
+    ids = ", ".join(str(int(i)) for i in np.unique(found.markers.ids)[:MOST_IDS])
+    return f"5-corners: of {wanted.dictionary} read ({ids}), none is where the board has it, with its edges seen"
 
 
 def _best_search(grey: Grey, target: AprilGrid | Bundle | Charuco | Marker) -> _Search:

@@ -33,6 +33,14 @@ DOT = 0.5
 still stands free."""
 
 
+MISREAD = {
+    0.5: "the distance of two circles of one row",
+    float(np.sqrt(0.5)): "the distance of a circle to the nearest, in the next row,",
+    2.0: "half of the distance of two rows",
+}
+"""Distances that may be given for the spacing of shifted rows, by the spacing over them."""
+
+
 @dataclass(frozen=True)
 class Circles(Target):
     """A grid of `columns` x `rows` circles, `spacing` metres apart (see the module for asymmetric ones).
@@ -133,6 +141,19 @@ class Circles(Target):
         # A big dot, or dots that nearly touch, reach beyond one spacing: the quiet zone lies outside of them.
         edge = s + max(0.0, radius * (BIG if self.bigdot else 1.0) - 0.5 * s)
         return Artwork((-edge, -edge, float(x1) + edge, float(y1) + edge), discs, background=1.0 - ink)
+
+    def misread(self, factor: float, *, within: float) -> tuple[str, Circles] | None:
+        """Which other distance of shifted rows stands for their spacing in the spec, and the grid that was meant.
+
+        Args: factor: how many times as large as the spec the grid is; within: how far off that may be, as a part of it.
+        Returns: None where the factor is none that a mistaken distance gives, and for straight rows.
+        """
+        if not self.asymmetric:
+            return None
+        ratio = min(MISREAD, key=lambda r: abs(factor / r - 1))
+        if abs(factor / ratio - 1) > within:
+            return None
+        return MISREAD[ratio], self.scaled(ratio)
 
     def scaled(self, factor: float) -> Circles:
         """The same grid with spacing and dots times `factor`."""

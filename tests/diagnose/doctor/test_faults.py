@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from calibrant.cameras import Camera
 from calibrant.diagnose.doctor import Case, Examination, examine
 from calibrant.diagnose.doctor.evidence.case import stand_apart
-from calibrant.diagnose.doctor.faults import exchanged
+from calibrant.diagnose.doctor.faults import exchanged, size
 from calibrant.geometry import se3, so3
 from calibrant.simulate.noise import flipped_board
 from calibrant.simulate.scenes import gripper_poses, hand_eye_scene, observe, standard_mounting, target_poses
@@ -305,6 +305,25 @@ def test_degenerate_motions_by_name_with_the_cure(pairs: CaseOf, scene: str) -> 
     cure = {"two-poses": "add poses", "parallel-axes": "tilt the gripper", "pure-translation": "turn the gripper"}
     assert cure[scene] in found.findings[0].message
     assert not found.sound
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [(2.0, "two circles of one row"), (2**0.5, "to the nearest"), (0.5, "half of the distance"), (1.7, None)],
+)
+def test_another_distance_than_that_of_rows_for_the_spacing_of_circles(
+    views: CaseOf, given: float, words: str | None
+) -> None:
+    scene = hand_eye_scene("good", views=15)
+    seen = tuple(replace(v, points=given * v.points) for v in scene.observations.views)
+    spec = f"circles:4x11:{20 * given!r}mm:asymmetric"
+    case = views(replace(scene, observations=replace(scene.observations, views=seen, target=spec)))
+    (finding,) = size.examine(case)
+    assert finding.status == "fail"
+    assert ("which is the distance of two rows" in finding.message) == (words is not None)
+    if words is not None:
+        assert words in finding.message
+        assert "--target circles:4x11:20mm:asymmetric" in finding.proposal
 
 
 def test_faults_together(pairs: CaseOf) -> None:

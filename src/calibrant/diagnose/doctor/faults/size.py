@@ -23,6 +23,8 @@ from calibrant.diagnose.doctor.evidence.significance import CONVINCING, confiden
 from calibrant.errors import RefusedError
 from calibrant.formats.poses.columns import LENGTH_UNITS
 from calibrant.geometry import se3
+from calibrant.targets.circles import Circles
+from calibrant.targets.registry import parse_target
 
 MATTERS = 0.005
 """A printed board is off by up to 0.5 % (a printer's scaling, paper and humidity); more is a wrong size."""
@@ -80,6 +82,12 @@ def sized(case: Case, repaired: Case, found: Measured, p: float) -> Finding:
     way_out = "measure the target, and give its real size"
     if unit:
         way_out = "say the unit of the target in its spec, or of the poses (--pose-units), as it is"
+    else:
+        misread = _misread(case, value, near) if gross else None
+        if misread is not None:
+            said_for, meant = misread
+            cause = f" ({said_for} was given for the spacing, which is the distance of two rows)"
+            way_out = f"give the distance of two rows: --target {meant.spec}, or what the target measures"
     if case.data.views is None:
         way_out += ", or, for a track of unknown scale, --target-scale free"
     return Finding(
@@ -93,6 +101,15 @@ def sized(case: Case, repaired: Case, found: Measured, p: float) -> Finding:
         repair=partial(Case.scaled, factor=value),
         gain=max(case.misfit - repaired.misfit, 0.0),
     )
+
+
+def _misread(case: Case, value: float, near: float) -> tuple[str, Circles] | None:
+    """Which distance of a grid of circles was given for another, and the grid that was meant."""
+    spec = None if case.observations is None else case.observations.target
+    if spec is None or not spec.startswith(f"{Circles.kind}:"):
+        return None
+    target = parse_target(spec)
+    return target.misread(value * case.scale, within=near) if isinstance(target, Circles) else None
 
 
 def ratio_text(value: float, sigma: float) -> str:

@@ -27,7 +27,7 @@ def fitted_view(
     lost = total - len(squares)
     if remark is None and lost:
         remark = points_reason(lost, total, limit_px)
-    rms, least, most = (float(np.sqrt(of(squares))) for of in (np.mean, np.min, np.max))
+    rms, least, most = np.sqrt([squares.mean(), squares.min(), squares.max()]).tolist()
     return ViewResult(view.id, True, len(squares), rms, remark, view.camera, lost, T_camera_target, least, most)
 
 

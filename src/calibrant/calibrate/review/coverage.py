@@ -171,13 +171,13 @@ def image_coverage(uv: Iterable[ArrayLike], *, image_size: tuple[int, int]) -> C
     if not arrays:
         raise InputError("coverage of the image needs at least one view; none was used")
     # Pixel (0, 0) is the centre of the first pixel: the image spans -0.5 … width - 0.5.
-    share = (np.concatenate(arrays) + 0.5) / np.asarray(image_size, dtype=np.float64)
-    cells = np.clip(share * GRID, 0, np.array(GRID) - 1).astype(np.int64)
-    counts = np.bincount(cells[:, 1] * GRID[0] + cells[:, 0], minlength=GRID[0] * GRID[1]).reshape(GRID[::-1])
+    across, down = ((x + 0.5) / size for x, size in zip(np.concatenate(arrays).T, image_size))
+    column, row = (np.clip(x * n, 0, n - 1).astype(np.int64) for x, n in zip((across, down), GRID))
+    counts = np.bincount(row * GRID[0] + column, minlength=GRID[0] * GRID[1]).reshape(GRID[::-1])
     corner_points = {}
-    for name, corner in CORNERS.items():
-        inside = np.abs(share - corner) <= _CORNER_SHARE
-        corner_points[name] = int(np.sum(inside.all(axis=-1)))
+    for name, (x, y) in CORNERS.items():
+        inside = (np.abs(across - x) <= _CORNER_SHARE) & (np.abs(down - y) <= _CORNER_SHARE)
+        corner_points[name] = int(np.count_nonzero(inside))
     return Coverage(counts, corner_points)
 
 

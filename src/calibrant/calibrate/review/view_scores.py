@@ -174,11 +174,16 @@ def view_scores(rows: Rows) -> ViewScores | None:
 
 def _pose_columns(X: Array, J: Array, rows: Rows) -> None:
     """Turns and moves of the target seen from the camera: d pixel = J (w x p + t)."""
-    x, y, z = (np.ascontiguousarray(c)[:, None] for c in rows.seen_from.T)
+    x, y, z = (_both(c) for c in rows.seen_from.T)
     X[0] = J[2] * y - J[1] * z
     X[1] = J[0] * z - J[2] * x
     X[2] = J[1] * x - J[0] * y
     X[3:POSE] = J
+
+
+def _both(values: Array) -> Array:
+    """Numbers (N,) for both axes of the image, (N, 2): laid out, products take a fraction of the time."""
+    return np.repeat(values, 2).reshape(-1, 2)
 
 
 def _affine_lens_columns(X: Array, camera: Camera, pixels: Array) -> None:
@@ -192,7 +197,8 @@ def _affine_lens_columns(X: Array, camera: Camera, pixels: Array) -> None:
 def _own_columns(X: Array, columns: Mapping[str, Indices], J: Array, rows: Rows) -> None:
     """What a view, the board or the shutter may have of its own."""
     counts = np.diff(rows.stacked.offsets)
-    from_centre = rows.pixels - [rows.camera.parameters["cx"], rows.camera.parameters["cy"]]
+    u, v = (x - rows.camera.parameters[name] for x, name in zip(rows.pixels.T, ("cx", "cy")))
+    from_centre = np.stack([u, v], axis=1)
     zoom, centre, bend = columns[ZOOM][0], columns[CENTRE][0], columns[BEND][0]
     X[zoom] = from_centre
     X[centre : centre + 2] = 0.0
@@ -201,19 +207,19 @@ def _own_columns(X: Array, columns: Mapping[str, Indices], J: Array, rows: Rows)
     X[aspect, :, 0], X[aspect, :, 1] = 0.0, from_centre[:, 1]
     points = rows.stacked.points
     x, y = across(points[:, :2], points[:, :2].min(axis=0), points[:, :2].max(axis=0)).T
-    axis, normal = (np.repeat(rows.T_camera_target[:, :3, c], counts, axis=0)[:, :, None] for c in (0, 2))
-    out_of_plane = 1e-3 * (J[0] * normal[:, 0] + J[1] * normal[:, 1] + J[2] * normal[:, 2])
+    axis, normal = ([np.repeat(t, 2 * counts).reshape(-1, 2) for t in rows.T_camera_target[:, :3, c].T] for c in (0, 2))
+    out_of_plane = 1e-3 * (J[0] * normal[0] + J[1] * normal[1] + J[2] * normal[2])
     for at, height in enumerate((1 - x**2, x * y, 1 - y**2)):
-        np.multiply(out_of_plane, height[:, None], out=X[bend + at])
-    along = J[0] * axis[:, 0] + J[1] * axis[:, 1] + J[2] * axis[:, 2]
-    np.multiply(along, (points[:, 0] - points[:, 0].mean())[:, None], out=X[columns[STRETCH][0]])
-    np.multiply(along, (points[:, 1] - points[:, 1].mean())[:, None], out=X[columns[ASKEW][0]])
-    skew, row = columns[SKEW][0], from_centre[:, 1] / rows.camera.image_size[1]
+        np.multiply(out_of_plane, _both(height), out=X[bend + at])
+    along = J[0] * axis[0] + J[1] * axis[1] + J[2] * axis[2]
+    np.multiply(along, _both(points[:, 0] - points[:, 0].mean()), out=X[columns[STRETCH][0]])
+    np.multiply(along, _both(points[:, 1] - points[:, 1].mean()), out=X[columns[ASKEW][0]])
+    skew, row = columns[SKEW][0], v / rows.camera.image_size[1]
     X[skew : skew + 2] = 0.0
     X[skew, :, 0] = X[skew + 1, :, 1] = row
-    squared = np.einsum("ni,ni->n", from_centre, from_centre)[:, None]
+    squared = u * u + v * v
     rim = max(float(squared.max()), 1.0)
-    np.multiply(from_centre, squared / rim**1.5, out=X[columns[RADIAL][0]])
+    np.multiply(from_centre, _both(squared / rim**1.5), out=X[columns[RADIAL][0]])
 
 
 def _grams(X: Array, offsets: Indices) -> Array:

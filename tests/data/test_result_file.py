@@ -50,9 +50,11 @@ from calibrant.data.details import (
     ReferencePicture,
     RobotParameter,
     RobotParameters,
+    RollingShutter,
     SharedErrors,
     TouchedPoint,
     ViewDeviation,
+    ViewMotion,
     ViewPlan,
 )
 from calibrant.data.result_file import read_observations, read_result, write_observations, write_result
@@ -71,6 +73,12 @@ def details() -> tuple[object, ...]:
         FreeTarget(2, 0.1, 1 / 3, 0.5, 0.01, {"0": (0.1, 0.2, 1 / 7), "1": (0.0, 0.0, -0.5)}),
         ModelChoice((ModelCandidate("brown", 9, 0.1, 0.2, -1.5), ModelCandidate("tilted", 0, reason="no"))),
         SharedErrors(2.0, 1.5, 1 / 3, 1.0, {"fx": 0.1 + 0.2}),
+        RollingShutter(
+            480,
+            1 / 3,
+            0.1,
+            {"0": ViewMotion((0.1, 1 / 7), (0.1, 0.2), (0.0, 0.1, 1 / 3), (0.1, 0.0, -1.0), (0.1, 0.2, 0.0))},
+        ),
         Faults(
             (
                 Fault(

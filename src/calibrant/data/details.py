@@ -101,6 +101,29 @@ class FreeTarget:
 
 
 @dataclass(frozen=True)
+class ViewMotion:
+    """Motion of one view over the readout of its rows: of the target's centre in the image, px, with 1 sigma, and of
+    the target in its own frame: a turn (rad) about centre_m and a shift (m), half of them before the middle row."""
+
+    px: tuple[float, float]
+    sigma_px: tuple[float, float]
+    turn_rad: Triple
+    shift_m: Triple
+    centre_m: Triple
+
+
+@dataclass(frozen=True)
+class RollingShutter:
+    """Views whose `rows` were read in turn while something moved: how far, rms over views, px, with 1 sigma, and
+    each view's motion by its id."""
+
+    rows: int
+    typical_px: float
+    typical_sigma_px: float
+    views: Mapping[str, ViewMotion]
+
+
+@dataclass(frozen=True)
 class SharedErrors:
     """How much wider sigma is for errors that points share: `times` in all; by view, board point, place in the image.
 
@@ -279,6 +302,7 @@ DETAILS: Mapping[str, type] = {
     "model_choice": ModelChoice,
     "bent_target": BentTarget,
     "free_target": FreeTarget,
+    "rolling_shutter": RollingShutter,
     "shared_errors": SharedErrors,
     "faults": Faults,
     "deviations": Deviations,

@@ -64,6 +64,7 @@ def intrinsics(
     mark_outliers: str | None = None,
     without_marked: str | Path | None = None,
     target_shape: str = "flat",
+    shutter: str = "global",
     max_iterations: int = 100,
     epsilon: str | None = None,
     name: str = "camera",

@@ -11,6 +11,7 @@ from calibrant.calibrate.intrinsics.checks import focal_length_with_faults
 from calibrant.calibrate.intrinsics.fit import ORDINARY, Stopping
 from calibrant.calibrate.intrinsics.model_choice import AUTO, calibrate_auto
 from calibrant.calibrate.intrinsics.one_model import calibrate_keeping
+from calibrant.calibrate.intrinsics.rolling_fit import GLOBAL, ROLLING, SHUTTERS
 from calibrant.calibrate.intrinsics.target_shape import FLAT
 from calibrant.calibrate.review.review import review
 from calibrant.cameras import Camera
@@ -31,6 +32,7 @@ def calibrate_intrinsics(
     initial: Camera | None = None,
     max_error_px: float | None = None,
     target_shape: str = FLAT,
+    shutter: str = GLOBAL,
     max_iterations: int = 100,
     epsilon_px: float = 0.0,
 ) -> CalibrationResult:
@@ -40,7 +42,9 @@ def calibrate_intrinsics(
     fix: parameters (or aspect, radial, tangential, focal, principal) held at `initial`, or at their neutral values.
     initial: start values; its model may differ, terms it lacks start at 0. max_error_px: points above it are left out
     and the rest is calibrated again. target_shape: "flat", or estimated with the camera: "paraboloid" or "free" (see
-    `target_shape`); the result then holds its shape among `details`. max_iterations, epsilon_px: the solver stops after
+    `target_shape`); the result then holds its shape among `details`. shutter: "global", or "rolling": rows are read one
+    after the other, top first, and each view's motion over the readout is estimated too (see `rolling_factor`);
+    the result then holds a `RollingShutter` among its details. max_iterations, epsilon_px: the solver stops after
     so many steps, unconverged, and when the next one would lower the RMS error by less; 0: at the least error.
     Returns a CalibrationResult of kind "intrinsics", reviewed: its checks and verdict are the command line's.
     Raises: InputError for unusable input; RefusedError when the views cannot determine the camera, naming what is
@@ -61,15 +65,26 @@ def calibrate_intrinsics(
     expect(model, str, "model", "a camera model's name, such as 'brown'")
     expect(initial, (Camera, type(None)), "initial", "a Camera")
     stop = _stopping(max_iterations, epsilon_px)
+    _check_shutter(shutter, model=model, target_shape=target_shape)
     if model == AUTO and stop != ORDINARY:
         raise InputError("max_iterations and epsilon are of one model: with auto, each is fitted to its least error")
     if model == AUTO:
         return _reviewed(calibrate_auto(observations, fix=fix, initial=initial, max_error_px=max_error_px))
     kept = calibrate_keeping(
         observations, model=model, fix=fix, initial=initial, max_error_px=max_error_px, target_shape=target_shape,
-        stop=stop,
+        shutter=shutter, stop=stop,
     )  # fmt: skip
     return _reviewed(_stopped(kept.result, stop))
+
+
+def _check_shutter(shutter: str, *, model: str, target_shape: str) -> None:
+    """Raises: InputError for a shutter there is not, or with what is not estimated beside motions."""
+    if shutter not in SHUTTERS:
+        raise InputError(f"unknown shutter {shutter!r}; known: {', '.join(SHUTTERS)}")
+    if shutter == ROLLING and model == AUTO:
+        raise InputError("a rolling shutter is estimated with one model: choose with auto on photos taken at rest")
+    if shutter == ROLLING and target_shape != FLAT:
+        raise InputError("a view's motion hides a board's shape: estimate the one or the other, not both at once")
 
 
 def _stopping(max_iterations: int, epsilon_px: float) -> Stopping:

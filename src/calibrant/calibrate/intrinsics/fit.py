@@ -38,14 +38,15 @@ class Fit:
     """A fit and what it used: the solution, its views, and for each of them the points that were kept.
 
     T_camera_target: poses when they are not the solution's own (the target's shape was aligned to its nominal one);
-    gauge_equations: equations that hold a gauge and are no data; checks: what was found on the way.
+    gauge_equations: those that are no data but hold a gauge, and unknowns as far as a prior tells them;
+    checks: what was found on the way.
     """
 
     solution: Solution
     views: tuple[View, ...]
     stacked: StackedViews
     T_camera_target: Array | None = None
-    gauge_equations: int = 0
+    gauge_equations: float = 0
     checks: tuple[Check, ...] = ()
 
 
@@ -125,7 +126,7 @@ def fit_and_clean(
                 f"every point is above the limit of {max_error_px:g} px: the median residual is "
                 f"{np.median(norms):.2g} px. Raise --max-error, or check the target and the model"
             )
-        judged = _keep(views, marked, stacked)
+        judged = kept_views(views, marked, stacked)
         used = np.array([v is not None for v in judged])
         kept = tuple(v for v in judged if v is not None)
         plain = replace(stack(kept), sigma=np.ones(sum(len(v) for v in kept)))
@@ -138,7 +139,7 @@ def fit_and_clean(
     return Fit(refine(weighted, kind, end_of(solution), fix=fix, stop=stop), kept, weighted), marked
 
 
-def _keep(views: Sequence[View], marked: Marked, stacked: StackedViews) -> list[View | None]:
+def kept_views(views: Sequence[View], marked: Marked, stacked: StackedViews) -> list[View | None]:
     """Each view with its kept points; None where too few are left or the whole view goes."""
     kept: list[View | None] = []
     for i, view in enumerate(views):

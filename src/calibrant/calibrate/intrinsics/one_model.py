@@ -23,6 +23,8 @@ from calibrant.calibrate.classical.planar import PlaneViews
 from calibrant.calibrate.intrinsics.checks import intrinsics_checks, require_conditions
 from calibrant.calibrate.intrinsics.fit import ORDINARY, Fit, Start, Stopping, fit_and_clean, refine
 from calibrant.calibrate.intrinsics.linearity import better_of_two, linearity_check
+from calibrant.calibrate.intrinsics.rolling_fit import GLOBAL, Moving, moving_fit
+from calibrant.calibrate.intrinsics.rolling_motions import with_motions
 from calibrant.calibrate.intrinsics.shaped_fit import shaped_fit
 from calibrant.calibrate.intrinsics.shared_errors import shared_errors, shared_errors_check
 from calibrant.calibrate.intrinsics.target_shape import FLAT, with_noise
@@ -66,6 +68,7 @@ def calibrate_keeping(
     initial: Camera | None = None,
     max_error_px: float | None = None,
     target_shape: str = FLAT,
+    shutter: str = GLOBAL,
     stop: Stopping = ORDINARY,
 ) -> Kept:
     """`calibrate_intrinsics` of one model for problems that go on with the same views: the result, and what it kept."""
@@ -102,12 +105,18 @@ def calibrate_keeping(
     shape: BentTarget | FreeTarget | None = None
     if target_shape != FLAT:
         fit, marked, shape = shaped_fit(views, start, fit, marked, kind, fix, max_error_px, shape=target_shape)
+    moving: Moving | None = None
+    if shutter != GLOBAL:
+        moving, marked = moving_fit(views, fit, kind, height=image_size[1], max_error_px=max_error_px, stop=stop)
+        fit = moving.fit
     result = _intrinsics_result(
         observations, camera_name, image_size, kind, fix, fit, marked, too_small, max_error_px, initial
     )
     if shape is not None:
         options = {**result.options, "target_shape": target_shape}
         result = replace(result, options=options).with_detail(with_noise(shape, result.sigma_px or 0.0))
+    if moving is not None:
+        result = with_motions(result, moving, kind, height=image_size[1])
     return Kept(result, fit.views, fit.stacked, fit.solution)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from calibrant.data import CalibrationResult
-from calibrant.data.details import BentTarget, FreeTarget, ModelChoice
+from calibrant.data.details import BentTarget, FreeTarget, ModelChoice, RollingShutter
 from calibrant.reports.kinds.kind import Kind
 from calibrant.reports.kinds.phrases import errors, focal_facts, focal_known, used
 from calibrant.reports.parts.blocks import Column, TextTable
@@ -28,11 +28,31 @@ def _facts(result: CalibrationResult) -> list[Fact]:
         off, flat = (plain(v, digits=2) for v in (free.out_of_plane_rms_mm, free.in_plane_rms_mm))
         text = f"{off} mm out of its plane, {flat} mm in it"
         facts.append(Fact("the target's points", text, f"RMS; most {plain(free.largest_mm, digits=2)} mm"))
+    shutter = result.detail(RollingShutter)
+    if shutter is not None:
+        size = with_sigma(shutter.typical_px, shutter.typical_sigma_px, unit="px")
+        facts.append(Fact("motion during readout", size, "RMS over views, ± 1σ"))
     return facts
 
 
 def _tables(result: CalibrationResult) -> list[TextTable]:
-    """The models between which the data chose."""
+    """The models between which the data chose, and how each view moved while it was read."""
+    return [*_models(result), *_motions(result)]
+
+
+def _motions(result: CalibrationResult) -> list[TextTable]:
+    shutter = result.detail(RollingShutter)
+    if shutter is None:
+        return []
+    columns = (Column("view"), Column("right px", True), Column("down px", True))
+    rows = tuple(
+        (name.rsplit("/", 1)[-1], *(with_sigma(x, s) for x, s in zip(view.px, view.sigma_px)))
+        for name, view in shutter.views.items()
+    )
+    return [TextTable("Motion during readout", columns, rows, "Of the board's middle, first row to last, ± 1σ.")]
+
+
+def _models(result: CalibrationResult) -> list[TextTable]:
     choice = result.detail(ModelChoice)
     if choice is None:
         return []

@@ -47,6 +47,8 @@ class Request:
     """Leave out the points that this result of --mark-outliers has marked."""
     target_shape: Annotated[str, Option("flat|paraboloid|free")] = "flat"
     """Estimate the board's own shape with the camera: its bend, or every point."""
+    shutter: Annotated[str, Option("global|rolling")] = "global"
+    """Rows read all at once, or one after the other: rolling estimates each photo's motion with the camera."""
     max_iterations: Annotated[int, Option("N")] = 100
     """Steps of the solver; a calibration that has not converged by then is refused."""
     epsilon: Annotated[str | None, Option("PX")] = None
@@ -123,6 +125,7 @@ def _calibrated(found: Observations, request: Request, limit: float | None) -> C
         initial=start,
         max_error_px=limit,
         target_shape=request.target_shape,
+        shutter=request.shutter,
         max_iterations=request.max_iterations,
         epsilon_px=pixels(request.epsilon, option="--epsilon") or 0.0,
     )

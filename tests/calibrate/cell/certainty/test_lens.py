@@ -24,13 +24,13 @@ def fit() -> CellFit:
     return fit_cell(cell.robot_poses, [Pictures("camera", "eye-in-hand", observe_cell(cell, sigma_px=0.2))])
 
 
-def _photos_had_it(fit: CellFit, sigmas: float) -> LensShift:
+def _photos_had_it(fit: CellFit, sigmas: float, *, smooth: float = 0.5) -> LensShift:
     """The shift where the photos alone put cy this many of their sigmas away."""
     role, solution = fit.cell.roles["camera"], replace(fit.noise.solution, beside=None)
     values = solution.value(LENS)[0].copy()
     values[3] -= sigmas * role.camera.sigma["cy"]
     camera = Camera(role.camera.model, role.camera.image_size, values, role.camera.covariance)
-    found = lens_shift(solution, LENS, replace(role, camera=camera))
+    found = lens_shift(solution, LENS, replace(role, camera=camera), smooth=smooth)
     assert found is not None
     return found
 
@@ -44,6 +44,12 @@ def test_where_robot_and_photos_agree_little_is_added(fit: CellFit) -> None:
     assert added.max() < 0.5
     assert not found.bent
     assert not lens_shift_check(fit.cell.roles["camera"].camera, found)
+
+
+def test_an_arm_whose_poses_show_no_smooth_errors_is_believed_of_the_lens(fit: CellFit) -> None:
+    added = [np.trace(_photos_had_it(fit, 1.0, smooth=chance).covariance) for chance in (0.0, 0.1, 0.5, 0.9)]
+    assert added[0] == 0
+    assert all(np.diff(added) > 0)
 
 
 def test_a_lens_that_the_robot_bends_is_named_and_held(fit: CellFit) -> None:

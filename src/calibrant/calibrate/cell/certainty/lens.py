@@ -6,8 +6,9 @@ of the photos W = C C_p^-1, lens in the cell and lens by the photos differ by d,
     (I - W) C_p (I - W)^T + (1 + v) B,     B = C - C C_p^-1 C,
 
 B what the robot's errors move the lens by, if they are as independent as the fit takes them (v = 0: C_p - C, Hausman
-1978, "Specification tests in econometrics"). An arm that errs smoothly moves it further. As for `neighbours`, such
-errors are before the data as likely as none, at every level v alike, and v B is averaged over what d leaves possible.
+1978, "Specification tests in econometrics"). An arm that errs smoothly moves it further. Such errors
+have one cause with those that neighbouring poses share: before d they are as likely as the poses' own errors leave them
+(`neighbours`), at every level v alike, and v B is averaged over what d leaves possible.
 Beyond chance d d^T is added: along it the lens may as well be where the photos have it.
 An error of the lens moves all else along: with C_xl the fit's own covariances,
 
@@ -51,10 +52,11 @@ class LensShift:
         return self.chance < BY_CHANCE
 
 
-def lens_shift(solution: Solution, lens: str, role: CameraRole) -> LensShift | None:
+def lens_shift(solution: Solution, lens: str, role: CameraRole, *, smooth: float) -> LensShift | None:
     """The lens of the fit beside `role.camera`, as its photos had it; None where the robot adds nothing to it.
 
-    lens: name of its variable. A lens that was given within a covariance is in the fit as such: the same holds.
+    lens: name of its variable; smooth: the chance that the robot errs smoothly, by its poses. A lens that was given
+    within a covariance is in the fit as such: the same holds.
     """
     problem = solution.problem
     i = problem.variable_index(lens)
@@ -77,7 +79,8 @@ def lens_shift(solution: Solution, lens: str, role: CameraRole) -> LensShift | N
     for level in LEVELS:
         grown = 1 + level * by_robot / (more - 1)
         logs.append(float(-0.5 * np.sum(np.log(grown)) + 0.5 * np.sum(d**2 / (more - 1) * (1 - 1 / grown))))
-    odds = np.exp(np.array(logs) - max(logs)) / ([1.0] + [len(LEVELS)] * len(LEVELS))
+    before = [1 - smooth] + [smooth / len(LEVELS)] * len(LEVELS)
+    odds = np.exp(np.array(logs) - max(logs)) * before
     level = float(odds[1:] @ LEVELS / odds.sum())
     chance = chi2_tail(len(d), float(np.sum(d**2 / (more - 1))))
     added = [root * np.sqrt(level * by_robot)]

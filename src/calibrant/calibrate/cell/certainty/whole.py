@@ -12,7 +12,7 @@ from calibrant.calibrate.cell.certainty.accuracy import RobotAccuracy, accuracy_
 from calibrant.calibrate.cell.certainty.given_lens import LensDoubt, lens_doubt
 from calibrant.calibrate.cell.certainty.lens import LensShift, along_with, lens_shift
 from calibrant.calibrate.cell.certainty.moved import Moved, moved
-from calibrant.calibrate.cell.certainty.neighbours import NeighbourErrors, shared_errors
+from calibrant.calibrate.cell.certainty.neighbours import ODDS, NeighbourErrors, shared_errors
 from calibrant.calibrate.cell.certainty.pose_errors import pose_errors
 from calibrant.calibrate.cell.certainty.size import size_shares
 from calibrant.calibrate.cell.certainty.views import lens_shares
@@ -75,12 +75,13 @@ def certain(
             doubts[name] = doubt
             beside = beside + doubt.covariance
     lenses: dict[str, LensShift] = {}
+    smooth = max((found.chance for found in robots.values()), default=ODDS / (1 + ODDS))
     for name, role in cell.roles.items():
         if lens_variable(name) in there and not role.exact:
             shared = lens_shares(cell, solution, name, sigma_px=noise.levels[pixel_group(name)].sigma)
             if shared is not None:
                 beside = beside + along_with(solution, lens_variable(name), shared)
-            shift = lens_shift(replace(solution, beside=beside), lens_variable(name), role)
+            shift = lens_shift(replace(solution, beside=beside), lens_variable(name), role, smooth=smooth)
             if shift is not None:
                 lenses[name] = shift
                 beside = beside + shift.covariance

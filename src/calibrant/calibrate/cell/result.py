@@ -187,11 +187,13 @@ def _loop_checks(cell: Cell, start: CellStart, solution: Solution) -> Iterable[C
         if not p.movers or not data.use.any():
             continue
         loop = loop_of_list(cell, solution.value, i)
-        alone = start.alone.get(i)
-        score = questions.loop_score(loop, data.B[data.use]) if alone is None else alone.seed.loop.score
-        if alone is not None and len(cell.data) > 1:
+        alone, score = start.alone.get(i), questions.loop_score(loop, data.B[data.use])
+        if alone is not None and len(cell.data) == 1:
+            # The start refuses a list that contradicts itself. What agrees by its medians may be too little to fit.
+            score = max(alone.seed.loop.score, questions.LOOP_FAIL if score > questions.LOOP_FAIL else 0.0)
+        elif alone is not None:
             # What a list says by itself does not show that it contradicts the others.
-            score = max(score, questions.loop_score(loop, data.B[data.use]))
+            score = max(alone.seed.loop.score, score)
         yield _named(questions.loop_check(loop, score), cell.layout.label(i))
 
 

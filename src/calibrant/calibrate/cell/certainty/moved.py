@@ -66,7 +66,7 @@ def moved(errors: PoseErrors) -> Moved | None:
     if not steps:
         return None
     best = max(steps, key=lambda s: s.explained)
-    left = max(squares - best.explained, np.finfo(float).tiny * squares) / (freedom - SIZE)
+    left = max(squares - best.explained, np.finfo(float).eps * squares) / (freedom - SIZE)
     chance = float(f_tail(SIZE, freedom - SIZE, best.explained / SIZE / left)) * len(steps)
     if chance > BY_CHANCE or left > (1 - LEAST_EXPLAINED) * squares / freedom:
         return None

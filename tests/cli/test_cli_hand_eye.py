@@ -15,12 +15,13 @@ from calibrant.simulate.scenes import hand_eye_scene
 TARGET = "chessboard:7x6:30mm"
 
 
-def refused(outcome, status: int, *words: str) -> None:
-    """One message for a person on standard error, nothing on standard output, and the status promised."""
+def refused(outcome, status: int, *words: str, causes: int = 1) -> None:
+    """One message for a person on standard error, a line for each cause, nothing on standard output, and the status
+    promised."""
     assert outcome.status == status, outcome.err
     assert outcome.out == ""
     assert outcome.err.startswith("calibrant: ")
-    assert outcome.err.count("\n") == 1
+    assert outcome.err.count("\n") == causes
     assert "Traceback" not in outcome.err
     assert "internal error" not in outcome.err
     for word in words:
@@ -205,7 +206,7 @@ def test_inputs_are_never_written_over(calibrant, cell, found: Path, untouched: 
 def test_shifted_pairs_are_refused(rows: list[str], attempt) -> None:
     names, poses = [r.split(",", 1)[0] for r in rows[1:]], [r.split(",", 1)[1] for r in rows[1:]]
     shifted = [f"{name},{pose}" for name, pose in zip(names, [*poses[1:], poses[0]])]
-    refused(attempt([rows[0], *shifted]), 1, "pair")
+    refused(attempt([rows[0], *shifted]), 1, "one row too early", "--apply", causes=2)
 
 
 def test_pose_pairs_given_in_two_files(calibrant, tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ FLOOR = {
     "advice": 0,
     "errors": 0,
     "expected": 0,
+    "percent": 0,
     "arrays": 0,
     "cancel": 0,
     "reading": 0,

@@ -13,6 +13,7 @@ from calibrant.cameras import Camera, CameraModel
 from calibrant.data import Check, View, ViewResult
 from calibrant.errors import RefusedError
 from calibrant.optimize.solution import Solution
+from calibrant.percent import percent
 
 FEW_VIEWS = 10
 """Below this the residuals say little about whether the model fits: the poses absorb too much of them."""
@@ -123,14 +124,14 @@ def focal_length_with_faults(camera: Camera, fitted: Camera) -> Check | None:
     relative, alone = _focal_uncertainty(camera), _focal_uncertainty(fitted)
     if relative <= alone or alone > FOCAL_FAIL:
         return None  # nothing was added, or the views do not tell it anyway
-    text = f"{_focal_text(relative)}, to {100 * alone:.2g} % beside what the other checks name"
+    text = f"{_focal_text(relative)}, to {percent(alone)} beside what the other checks name"
     if relative <= FOCAL_WARN:
         return Check(FOCAL, "ok", text, relative)
     return Check(FOCAL, "warn", f"{text}: cure that first", relative)
 
 
 def _focal_text(relative: float) -> str:
-    return f"the focal length is known to {100 * relative:.2g} % (1 sigma)"
+    return f"the focal length is known to {percent(relative)} (1 sigma)"
 
 
 def _reprojection(camera: Camera, rms_px: float) -> Check:

@@ -34,6 +34,7 @@ from calibrant.calibrate.review.view_scores import (
 from calibrant.data import Check
 from calibrant.data.results import Status
 from calibrant.errors import InputError
+from calibrant.percent import percent
 
 FLATNESS, SQUARES, POINTS, LENS = "board-flatness", "board-squares", "board-points", "lens-model"
 FLATNESS_UNTOLD = "these views do not tell whether the board is flat"
@@ -175,10 +176,6 @@ def times(shift: float) -> str:
     return (
         f"which moves the camera {shift**0.5:.2g} times as far as all else that is uncertain of it (sigma holds both)"
     )
-
-
-def percent(ratio: float) -> str:
-    return f"{100 * abs(ratio):.2g} %"
 
 
 def _which(stretch: float) -> str:

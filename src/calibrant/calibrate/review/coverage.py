@@ -20,6 +20,7 @@ from calibrant.data import CalibrationResult, Check, View
 from calibrant.data.details import SharedErrors
 from calibrant.errors import InputError
 from calibrant.geometry import se3
+from calibrant.percent import percent
 
 GRID = (12, 9)
 """Columns and rows of the occupancy map: cells about as big as a square of a board that fills the image."""
@@ -234,17 +235,13 @@ def _empty_corners(
     if unknown:
         most = max(corner_sigma[name] for name in unknown)
         message = (
-            f"no points in the {_listed(unknown, corners)}, where the lens is known to {_percent(most)} of the focal "
+            f"no points in the {_listed(unknown, corners)}, where the lens is known to {percent(most)} of the focal "
             "length only (1 sigma): take a view with the board there"
         )
         return Check("corner-coverage", "warn", message, filled)
     known = [corner_sigma[name] for name in empty if np.isfinite(corner_sigma[name])]
-    said = f"; the lens is known there to {_percent(max(known))} of the focal length (1 sigma)" if known else ""
+    said = f"; the lens is known there to {percent(max(known))} of the focal length (1 sigma)" if known else ""
     return Check("corner-coverage", "ok", f"no points in the {where}{said}", filled)
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.2g} %" if share < 0.1 else f"{100 * share:.0f} %"
 
 
 def _listed(names: Sequence[str], corners: int) -> str:

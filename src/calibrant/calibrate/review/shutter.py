@@ -10,10 +10,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibrant.calibrate.review.board_shape import percent, times
+from calibrant.calibrate.review.board_shape import times
 from calibrant.calibrate.review.faults import Found
 from calibrant.calibrate.review.view_scores import CENTRE, SHEAR, SKEW, ZOOM, ViewScores, own_of_views
 from calibrant.data import Check
+from calibrant.percent import percent
 
 SHEARED, SHUTTER = "image-shear", "shutter"
 _CHANCE = 1e-6

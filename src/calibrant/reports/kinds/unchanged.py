@@ -9,6 +9,7 @@ import numpy as np
 
 from calibrant.data import CalibrationResult
 from calibrant.data.details import Changes, PhotoShift
+from calibrant.percent import percent
 from calibrant.reports.kinds.kind import Kind
 from calibrant.reports.parts.blocks import Block, Column, TextTable
 from calibrant.reports.parts.figures import Fact
@@ -67,7 +68,7 @@ def chance_text(value: float) -> str:
     """A chance in words that is never rounded to nothing."""
     if value < 1e-6:
         return "below 1 in a million"
-    return f"{100 * value:.2g} %"
+    return percent(value)
 
 
 def _table(result: CalibrationResult) -> TextTable | None:

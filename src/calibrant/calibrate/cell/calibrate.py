@@ -124,7 +124,7 @@ def calibrate_cell(
         fix=fix,
         accuracies=told,
     )
-    asked = lenses_asked("", fix, initial=initial)
+    asked = lenses_asked(fix, initial)
     asked |= {"identify": list(identify)} if fit.cell.free else {}
     asked |= accuracies_asked(told)
     return judged_cell(fit, asked)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calibrant.calibrate.cell.calibrate import Accuracy, accuracies_asked, fit_cell, judged_cell, told_accuracies
+from calibrant.calibrate.cell.lens_choice import lenses_asked
 from calibrant.calibrate.cell.methods import answered_by, normal_pairs
 from calibrant.calibrate.cell.problem.layout import Pictures, TargetPoses
 from calibrant.calibrate.solvers.registry import JOINT, require_method
@@ -56,5 +57,5 @@ def calibrate_hand_eye(
     told = told_accuracies(robot_accuracy)
     pictures = [Pictures(DEFAULT_CAMERA, chosen.name, seen)]
     fit = fit_cell(poses, pictures, cameras=known, model=model, fix=fix, accuracies=told)
-    result = judged_cell(fit, {**({"fix": list(fix)} if fix else {}), **accuracies_asked(told)})
+    result = judged_cell(fit, lenses_asked(fix) | accuracies_asked(told))
     return result if method == JOINT else answered_by(result, method, *normal_pairs(fit.cell, fit.noise.solution, 0))

@@ -61,11 +61,9 @@ def lens_choices(
     }
 
 
-def lenses_asked(model: ForEach, fix: FixForEach, *, initial: Mapping[str, Camera] | None = None) -> dict[str, object]:
+def lenses_asked(fix: FixForEach, initial: Mapping[str, Camera] | None = None) -> dict[str, object]:
     """The options as results hold them: what is not the default."""
     asked: dict[str, object] = {}
-    if model and model != MODEL:
-        asked["model"] = dict(model) if isinstance(model, Mapping) else model
     if fix:
         asked["fix"] = {n: list(held) for n, held in fix.items()} if isinstance(fix, Mapping) else list(fix)
     return asked | ({"initial": sorted(initial)} if initial else {})

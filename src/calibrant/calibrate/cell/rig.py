@@ -47,7 +47,9 @@ def calibrate_rig(
         result.transform("left", "right").matrix
     """
     fit = fit_rig(observations, cameras=cameras, initial=initial, model=model, fix=fix, reference=reference)
-    return judged_cell(fit, {"model": model} | lenses_asked(model, fix, initial=initial))
+    return judged_cell(
+        fit, {"model": dict(model) if isinstance(model, Mapping) else model} | lenses_asked(fix, initial)
+    )
 
 
 def fit_rig(

@@ -214,7 +214,7 @@ def _two_fold(poses: Poses, confidence: float) -> Check:
     least = min(p.best.probability for p in poses.views)
     guessed = [p for p in poses.views if p.ambiguous(LEAST_ODDS / (LEAST_ODDS + 1))]
     if guessed and not unclear:
-        said = "; ".join(_doubt(p, poses.estimated) for p in guessed[:3]) + ("; …" if len(guessed) > 3 else "")
+        said = _doubts(guessed, poses.estimated)
         return Check(
             "second-solution", "warn",
             f"the likelier of two poses is given, as asked with {100 * confidence:g} % confidence, but the odds for it "
@@ -223,7 +223,7 @@ def _two_fold(poses: Poses, confidence: float) -> Check:
         )  # fmt: skip
     if not unclear:
         return Check("second-solution", "ok", _told_apart(poses), least)
-    said = "; ".join(_doubt(p, poses.estimated) for p in unclear[:3]) + ("; …" if len(unclear) > 3 else "")
+    said = _doubts(unclear, poses.estimated)
     return Check(
         "second-solution", "warn",
         f"two poses fit {len(unclear)} of {len(poses.views)} views and cannot be told apart with "
@@ -240,6 +240,11 @@ def _told_apart(poses: Poses) -> str:
     other = nearest.other
     odds = other.probability if other else 0.0
     return f"the mirrored pose is ruled out: probability {odds:.1g} at most"
+
+
+def _doubts(views: Sequence[ViewPose], estimated: bool) -> str:
+    """Those of the first views."""
+    return "; ".join(_doubt(p, estimated) for p in views[:3]) + ("; …" if len(views) > 3 else "")
 
 
 def _doubt(p: ViewPose, estimated: bool) -> str:

@@ -29,7 +29,11 @@ def with_camera_name(result: CalibrationResult, name: str) -> CalibrationResult:
         transforms=tuple(replace(t, parent=named(t.parent), child=named(t.child)) for t in result.transforms),
         joint_covariance=None
         if joint is None
-        else replace(joint, frames=tuple((named(a), named(b)) for a, b in joint.frames)),
+        else replace(
+            joint,
+            frames=tuple((named(a), named(b)) for a, b in joint.frames),
+            cameras=tuple(named(c) for c in joint.cameras),
+        ),
         views=tuple(v if v.camera is None else replace(v, camera=named(v.camera)) for v in result.views),
         observations=None
         if seen is None

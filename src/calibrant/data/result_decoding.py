@@ -212,7 +212,9 @@ def _decode_joint(data: Json) -> JointCovariance:
         if not isinstance(pair, list) or len(pair) != 2:
             raise InputError(f"{where}.frames[{i}] is {json.dumps(pair)[:60]}, expected [parent, child]")
         frames.append((str(pair[0]), str(pair[1])))
-    return JointCovariance(tuple(frames), _array(data, "matrix", (-1, -1), where))
+    cameras = tuple(str(name) for name in _maybe(data, "cameras", list, where) or ())
+    across, lenses = (_maybe_array(data, key, (-1, -1), where) for key in ("across", "lenses"))
+    return JointCovariance(tuple(frames), _array(data, "matrix", (-1, -1), where), cameras, across, lenses)
 
 
 def _decode_check(data: Json, where: str) -> Check:

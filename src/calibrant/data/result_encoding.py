@@ -15,7 +15,14 @@ from calibrant.cameras import Camera
 from calibrant.data.details import DETAILS
 from calibrant.data.observations import Observations
 from calibrant.data.poses import RobotPoses
-from calibrant.data.results import CalibrationResult, Check, MethodResult, TransformEstimate, ViewResult
+from calibrant.data.results import (
+    CalibrationResult,
+    Check,
+    JointCovariance,
+    MethodResult,
+    TransformEstimate,
+    ViewResult,
+)
 from calibrant.data.typed_json import Json, as_json
 from calibrant.errors import InputError
 from calibrant.version import __version__
@@ -34,7 +41,7 @@ def encode(result: CalibrationResult) -> Json:
             "verdict": result.verdict,
             "cameras": {name: _encode_camera(camera) for name, camera in result.cameras.items()} or None,
             "transforms": [_encode_transform(t) for t in result.transforms] or None,
-            "joint_covariance": None if result.joint_covariance is None else dict(vars(result.joint_covariance)),
+            "joint_covariance": None if result.joint_covariance is None else _encode_joint(result.joint_covariance),
             "rms_px": result.rms_px,
             "sigma_px": result.sigma_px,
             "sigma_robot": None if result.sigma_robot is None else _present(vars(result.sigma_robot)),
@@ -55,6 +62,10 @@ def encode(result: CalibrationResult) -> Json:
             "observations": None if result.observations is None else _encode_observations(result.observations),
         }
     )
+
+
+def _encode_joint(joint: JointCovariance) -> Json:
+    return _present({**vars(joint), "cameras": list(joint.cameras) or None})
 
 
 def _detail_name(record: object) -> str:

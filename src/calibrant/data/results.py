@@ -96,11 +96,15 @@ class JointCovariance:
     """Covariance (6 k, 6 k) of k transforms together; frames: (parent, child) of each, in the order of the blocks.
 
     Each transform's six components are those of `TransformEstimate`: what the errors of two cameras have in common
-    stands off the diagonal.
+    stands off the diagonal. Where several cameras were found together, the parameters of all lenses belong to it:
+    cameras, their names; across (6 k, p), transforms by all cameras' parameters in that order; lenses (p, p).
     """
 
     frames: tuple[tuple[str, str], ...]
     matrix: Array
+    cameras: tuple[str, ...] = ()
+    across: Array | None = None
+    lenses: Array | None = None
 
     def __post_init__(self) -> None:
         size = 6 * len(self.frames)
@@ -108,6 +112,17 @@ class JointCovariance:
             raise InputError(
                 f"{len(self.frames)} transforms need a ({size}, {size}) matrix, got {np.shape(self.matrix)}"
             )
+        count = 0 if self.lenses is None else len(self.lenses)
+        sizes = {n: None if v is None else np.shape(v) for n, v in (("across", self.across), ("lenses", self.lenses))}
+        if sizes != ({"across": (size, count), "lenses": (count, count)} if self.cameras else dict.fromkeys(sizes)):
+            raise InputError(f"the lenses of {len(self.cameras)} cameras need across and lenses, got {sizes}")
+
+    @property
+    def whole(self) -> Array:
+        """(6 k + p, 6 k + p): the transforms, then the parameters of the cameras."""
+        if self.across is None or self.lenses is None:
+            return self.matrix
+        return np.block([[self.matrix, self.across], [self.across.T, self.lenses]])
 
     def __repr__(self) -> str:
         return f"JointCovariance({', '.join(f'{parent} → {child}' for parent, child in self.frames)})"

@@ -131,6 +131,26 @@ def test_a_result_comes_back_from_its_file(tmp_path: Path) -> None:
     again = cb.read(result.write(tmp_path / "rig.json"))
     assert again.cell == result.cell
     assert again.summary() == result.summary()
+    joint, found = again.joint_covariance, result.joint_covariance
+    assert joint is not None
+    assert found is not None
+    assert joint.cameras == ("left", "middle", "right")
+    np.testing.assert_allclose(joint.whole, found.whole, rtol=1e-12)
+
+
+def test_the_joint_covariance_holds_the_lenses_with_the_places() -> None:
+    """How far apart the axes are, and where the centres of the pictures lie, cannot be told one by one."""
+    result = calibrate_rig(rig_scene(8))
+    joint = result.joint_covariance
+    assert joint is not None
+    assert joint.lenses is not None
+    own = result.cameras["left"].covariance
+    assert own is not None
+    np.testing.assert_allclose(joint.lenses[: len(own), : len(own)], own, rtol=1e-9)
+    sigma = np.sqrt(np.diag(joint.whole))
+    cx = 12 + result.cameras["left"].model.index("cx")
+    assert abs(joint.whole[1, cx]) / (sigma[1] * sigma[cx]) > 0.3  # turn about y of left -> middle
+    assert np.linalg.eigvalsh(joint.whole)[0] > -1e-12 * sigma.max() ** 2
 
 
 def test_points_beyond_the_noise_are_left_out_of_the_rig() -> None:

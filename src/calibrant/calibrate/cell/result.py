@@ -302,8 +302,15 @@ def _between(solution: Solution, a: Frame, b: Frame) -> TransformEstimate:
 
 
 def _covariance_of_all(cell: Cell, solution: Solution) -> JointCovariance:
+    """All transforms; with several cameras, all lenses too: what one sees of the other's error in stereo."""
     frames = cell.layout.unknown
-    return JointCovariance(frames, solution.joint_covariance([(variable(f), 0) for f in frames]))
+    there = {v.name for v in solution.problem.variables}
+    names = tuple(name for name in cell.roles if lens_variable(name) in there) if len(cell.roles) > 1 else ()
+    C = solution.joint_covariance([(variable(f), 0) for f in frames] + [(lens_variable(n), 0) for n in names])
+    k = 6 * len(frames)
+    if not names:
+        return JointCovariance(frames, C)
+    return JointCovariance(frames, C[:k, :k], names, C[:k, k:], C[k:, k:])
 
 
 def _cell_views(cell: Cell, solution: Solution) -> tuple[list[ViewResult], Array]:

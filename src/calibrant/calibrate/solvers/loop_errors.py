@@ -13,13 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calibrant.arrays import Array
+from calibrant.calibrate.centres.of_transforms import deviations, mean_transform, median_transform
 from calibrant.calibrate.reprojection.outliers import median
 from calibrant.calibrate.solvers.relative import PosePairs, pose_pairs, sample
 from calibrant.errors import InputError
-from calibrant.geometry import se3, so3
+from calibrant.geometry import se3
 
-START_CANDIDATES = 100
-"""Samples tried as the start of a median: with a minority of wrong ones, some of a hundred are near the centre."""
 MOST_FOR_SIZE = 200
 """Poses of a longer session whose motion stands for all: its size is known to five per cent, and compared with 25 %."""
 
@@ -68,8 +67,8 @@ def loop_errors(A: ArrayLike, B: ArrayLike, X: ArrayLike) -> LoopErrors:
 def errors_of(pairs: PosePairs, X: ArrayLike) -> LoopErrors:
     """`loop_errors` of pairs that are checked already."""
     Z_i = _loops(pairs, X)
-    Z = se3.mean(Z_i)
-    view_mm, view_deg = se3.deviation(Z, Z_i)
+    Z = mean_transform(Z_i)
+    view_mm, view_deg = deviations(Z, Z_i)
     return LoopErrors(_rms(view_mm), _rms(view_deg), view_mm, view_deg, Z)
 
 
@@ -84,8 +83,8 @@ def loop_consistency(A: ArrayLike, B: ArrayLike, X: ArrayLike) -> LoopConsistenc
 def consistency_of(pairs: PosePairs, X: ArrayLike) -> LoopConsistency:
     """`loop_consistency` of pairs that are checked already."""
     Z_i = _loops(pairs, X)
-    Z = _median_transform(Z_i)
-    view_mm, view_deg = se3.deviation(Z, Z_i)
+    Z = median_transform(Z_i)
+    view_mm, view_deg = deviations(Z, Z_i)
     median_mm, median_deg = median(view_mm), median(view_deg)
     size_mm, size_deg = _motion_size(pairs)
     turned = _ratio(median_deg, size_deg)
@@ -101,7 +100,7 @@ def _motion_size(pairs: PosePairs) -> tuple[float, float]:
     Asked for every method on the same pairs.
     """
     rows = sample(len(pairs), MOST_FOR_SIZE)
-    spread_a, spread_b = (se3.deviation(_median_transform(T), T) for T in (pairs.A[rows], pairs.B[rows]))
+    spread_a, spread_b = (deviations(median_transform(T), T) for T in (pairs.A[rows], pairs.B[rows]))
     size_mm = max(median(spread_a[0]), median(spread_b[0]))
     return size_mm, max(median(spread_a[1]), median(spread_b[1]))
 
@@ -111,37 +110,6 @@ def _loops(pairs: PosePairs, X: ArrayLike) -> Array:
     if len(pairs) == 0:
         raise InputError("the loop A_i X B_i needs at least one view, got none")
     return pairs.A @ se3.check(X, name="X") @ pairs.B
-
-
-def _median_transform(T: Array) -> Array:
-    """Rotation and translation with the least sum of distances to T (n, 4, 4), each by Weiszfeld's iteration.
-
-    Weiszfeld 1937; on rotations Hartley, Aftab, Trumpf, "L1 rotation averaging using the Weiszfeld algorithm", 2011.
-    """
-    R = T[:, :3, :3]
-    # Start on the sample that is closest to the others (trace R_i^T R_j = 3 for equal rotations), so that a minority of
-    # rotations far off cannot pull the start into another basin.
-    flat, candidates = R.reshape(-1, 9), R[:: max(1, len(R) // START_CANDIDATES)]
-    distance = np.arccos(np.clip((candidates.reshape(-1, 9) @ flat.T - 1) / 2, -1, 1))
-    centre, t = candidates[int(np.argmin(distance.sum(axis=1)))], np.median(T[:, :3, 3], axis=0)
-    for _ in range(30):  # linear convergence
-        omega, delta = so3.log(R @ centre.T), T[:, :3, 3] - t
-        (turn, turn_settled), (move, move_settled) = _weiszfeld_step(omega), _weiszfeld_step(delta)
-        centre, t = so3.exp(turn) @ centre, t + move
-        if turn_settled and move_settled:
-            break
-    return se3.make(centre, t)
-
-
-def _weiszfeld_step(delta: Array) -> tuple[Array, bool]:
-    """Mean of vectors (n, 3) weighted by 1 / length, lengths below rounding taken as rounding; and whether it settles.
-
-    It does with a thousandth of the typical length: a median of n lengths is uncertain by far more.
-    """
-    length = np.sqrt(np.sum(delta * delta, axis=1))
-    weight = 1 / np.maximum(length, 1e-12)
-    step = (weight / weight.sum()) @ delta
-    return step, float(np.sqrt(step @ step)) <= 1e-3 * median(length)
 
 
 def _rms(values: Array) -> float:

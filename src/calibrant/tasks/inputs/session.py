@@ -22,7 +22,11 @@ _LOADING = "Loading the solver (the first run compiles it: half a minute, two on
 _FIRST_RUN = (
     "Compiling for this machine: the first run takes half a minute longer than later ones, two on a busy machine …"
 )
-POSE_SOLVER = ("calibrant.optimize.linear_kernels", "calibrant.optimize.pose_kernels")
+POSE_SOLVER = (
+    "calibrant.optimize.linear_kernels",
+    "calibrant.optimize.pose_kernels",
+    "calibrant.calibrate.centres.kernels",
+)
 """Modules of the kernels for poses alone."""
 SOLVER = (
     "calibrant.calibrate.reprojection.kernels",

@@ -1,0 +1,87 @@
+"""Compiled centres of transforms against their readable forms, near half turns and with outliers too."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calibrant.arrays import Array
+from calibrant.calibrate.centres import of_transforms as centres
+from calibrant.geometry import se3, so3
+
+
+def scattered(seed: int, n: int, angle: float) -> Array:
+    """Transforms about a random one, `angle` rad and as many metres from it in each direction (1 sigma)."""
+    rng = np.random.default_rng(seed)
+    centre = se3.make(so3.random(rng, 1)[0], rng.normal(size=3))
+    return se3.retract(np.tile(centre, (n, 1, 1)), rng.normal(scale=angle, size=(n, 6)))
+
+
+@pytest.mark.parametrize("angle", [1e-9, 1e-3, 0.3, 0.8])
+@pytest.mark.parametrize("n", [1, 2, 7, 20])
+def test_means_are_those_of_the_readable_form(angle: float, n: int) -> None:
+    T = scattered(n, n, angle)
+    assert np.abs(centres.mean_transform(T) - se3.mean(T)).max() < 1e-12
+    assert np.abs(centres.mean_rotation(T[:, :3, :3]) - so3.mean(T[:, :3, :3])).max() < 1e-12
+
+
+@pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0.6, 0.0, -0.8), (-0.48, 0.6, 0.64)])
+@pytest.mark.parametrize("turn", [0.0, 1e-12, 1e-6, 1.0, 2.0, 2.2, np.pi - 1e-7, np.pi])
+def test_deviations_are_those_of_the_readable_form(axis: tuple[float, float, float], turn: float) -> None:
+    T = se3.retract(scattered(3, 1, 1.0), np.array([[*(turn * np.asarray(axis)), 0.1, -0.2, 0.3]]))
+    for sign in (1.0, -1.0):
+        centre = se3.retract(T[0], np.array([*(sign * turn * np.asarray(axis)), 0.01, 0.0, 0.02]))
+        mm, deg = centres.deviations(centre, T)
+        expected_mm, expected_deg = se3.deviation(centre, T)
+        assert mm == pytest.approx(expected_mm, rel=1e-12)
+        assert deg == pytest.approx(expected_deg, rel=1e-9, abs=1e-7)
+
+
+def weiszfeld(T: Array) -> Array:
+    """The iteration in its readable form: means weighted by 1 / length, until it moves by a thousandth of them."""
+    R = T[:, :3, :3]
+    angles = np.array([[so3.angle(a @ b.T) for b in R] for a in R])
+    centre, t = R[int(np.argmin(angles.sum(axis=1)))], np.median(T[:, :3, 3], axis=0)
+    for _ in range(30):
+        settled = True
+        steps = []
+        for delta in (so3.log(R @ centre.T), T[:, :3, 3] - t):
+            length = np.linalg.norm(delta, axis=1)
+            weight = 1 / np.maximum(length, 1e-12)
+            steps.append(weight @ delta / weight.sum())
+            settled &= bool(np.linalg.norm(steps[-1]) <= 1e-3 * np.median(length))
+        centre, t = so3.exp(steps[0]) @ centre, t + steps[1]
+        if settled:
+            break
+    return se3.make(centre, t)
+
+
+@pytest.mark.parametrize("n", [9, 10, 31])
+def test_medians_are_those_of_the_readable_form_and_a_third_of_wrong_ones_hardly_moves_them(n: int) -> None:
+    T = scattered(5, n, 1e-3)
+    right = centres.median_transform(T)
+    wrong = T.copy()
+    wrong[: n // 3] = scattered(6, n // 3, 0.5)
+    found = centres.median_transform(wrong)
+    assert np.abs(right - weiszfeld(T)).max() < 1e-9
+    assert np.abs(found - weiszfeld(wrong)).max() < 1e-9
+    mm, deg = se3.deviation(right, found)
+    assert mm < 3.0
+    assert deg < 0.2
+
+
+@pytest.mark.parametrize(
+    ("values", "bound", "expected"),
+    [
+        ((1.0, 2.0, 9.0), 2.0, True),
+        ((1.0, 2.0, 9.0), 2.1, False),
+        ((1.0, 2.0, 3.0, 9.0), 2.5, True),
+        ((1.0, 2.0, 3.0, 9.0), 2.6, False),
+        ((1.0, 2.0, 3.0, 9.0), 1.5, True),
+        ((5.0,), 5.0, True),
+    ],
+)
+def test_a_bound_is_compared_with_the_median(values: tuple[float, ...], bound: float, expected: bool) -> None:
+    from calibrant.calibrate.centres.kernels import _at_most_median
+
+    assert _at_most_median.py_func(np.array(values), bound) == expected

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from calibrant.tasks.verbs import intrinsics as intrinsics
     from calibrant.tasks.verbs import kinematics as kinematics
     from calibrant.tasks.verbs import next_pose as next_pose
+    from calibrant.tasks.verbs import point as point
     from calibrant.tasks.verbs import pose as pose
     from calibrant.tasks.verbs import report as report
     from calibrant.tasks.verbs import study_methods as study_methods
@@ -91,6 +92,7 @@ _PUBLIC = {
     "kinematics": ("calibrant.tasks.verbs", "kinematics"),
     "next_pose": ("calibrant.tasks.verbs", "next_pose"),
     "parse_target": ("calibrant.targets.registry", "parse_target"),
+    "point": ("calibrant.tasks.verbs", "point"),
     "pose": ("calibrant.tasks.verbs", "pose"),
     "read": ("calibrant.data.result_file", "read_result"),
     "read_poses": ("calibrant.tasks.inputs.pose_files", "read_poses"),

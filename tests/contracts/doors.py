@@ -90,6 +90,16 @@ def _capture(files: Files) -> Options:
     return {"camera": str(files.images), "target": TARGET}
 
 
+def _point(files: Files) -> Options:
+    return {
+        "left_corners": ["102,340", "160,120", "560,352", "505,122"],
+        "left_axis": ["300,60", "322,140"],
+        "right_corners": ["80,330", "150,110", "540,360", "500,130"],
+        "right_axis": ["210,80", "262,160"],
+        "plane": ["600mmx400mm"],
+    }
+
+
 def _undistort(files: Files) -> Options:
     straight = files.folder / "straight"
     return {"images": [files.images / "00.png"], "camera": files.camera, "out": straight, "force": True}
@@ -107,6 +117,7 @@ CASES: Mapping[str, Callable[[Files], Options]] = {
     "pose": _pose,
     "vanishing": _vanishing,
     "capture": _capture,
+    "point": _point,
     "undistort": _undistort,
     "verify unchanged": _verify_unchanged,
 }

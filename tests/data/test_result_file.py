@@ -46,6 +46,7 @@ from calibrant.data.details import (
     PhotoShift,
     PictureRegion,
     PlannedPose,
+    PointedSpot,
     PossibleChange,
     ReferencePicture,
     RobotParameter,
@@ -108,6 +109,7 @@ def details() -> tuple[object, ...]:
             (PhotoShift("0", (640, 480), ((1.5, 1 / 3), (2.0, 3.0)), ((1.0, 0.1), (2.5, 3.5)), "0.png"),),
         ),
         ReferencePicture("then.png", (640, 480), "aGVsbG8="),
+        PointedSpot("m", (1e-6, 1 / 3e7, 2e-6), {"left": (1 / 3, 2.0), "right": (3.0, 4.5)}),
     )
 
 

@@ -285,6 +285,16 @@ class Changes:
 
 
 @dataclass(frozen=True)
+class PointedSpot:
+    """The spot of a plane that a pointer points at: unit of the plane ("m", or empty for parts of it), covariance (xx,
+    xy, yy) of the spot in it, and the pixel of the spot by camera."""
+
+    unit: str
+    covariance: Triple
+    seen_px: Mapping[str, tuple[float, float]]
+
+
+@dataclass(frozen=True)
 class ReferencePicture:
     """A small grey copy of a photo, by which later ones tell whether the camera was pushed.
 
@@ -312,5 +322,6 @@ DETAILS: Mapping[str, type] = {
     "marked_points": MarkedPoints,
     "changes": Changes,
     "reference": ReferencePicture,
+    "pointed_spot": PointedSpot,
 }
 """The key of each record in a result file."""

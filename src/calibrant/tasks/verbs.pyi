@@ -183,6 +183,21 @@ def undistort(
     mirror_x: bool = False,
     force: bool = False,
 ) -> CalibrationResult: ...
+def point(
+    *,
+    left: str | Path | None = None,
+    right: str | Path | None = None,
+    target: str | None = None,
+    left_corners: Words = (),
+    right_corners: Words = (),
+    plane: Words = (),
+    left_axis: Words = (),
+    right_axis: Words = (),
+    hue: str | None = None,
+    sigma_px: str = "0.5px",
+    overlay: str | Path | None = None,
+    force: bool = False,
+) -> CalibrationResult: ...
 def study_methods(
     images: Words = (),
     *,

@@ -13,6 +13,7 @@ from calibrant.reports.kinds import (
     kinematics,
     next_pose,
     observations,
+    pointing,
     pose,
     rig,
     self_visibility,
@@ -41,6 +42,7 @@ KINDS: Mapping[str, Kind] = {
     "undistorted": undistorted.KIND,
     "unchanged": unchanged.KIND,
     "observations": observations.KIND,
+    "pointing": pointing.KIND,
 }
 
 

@@ -1,0 +1,1 @@
+"""Tasks about what two cameras see together."""

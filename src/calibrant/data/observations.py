@@ -28,12 +28,39 @@ def _frozen(value: ArrayLike, *, dtype: type, shape: tuple[int, ...], what: str)
 
 
 @dataclass(frozen=True, eq=False)
+class Carried:
+    """Points that were found in one picture at what another camera saw: a projector's pixels at a camera's corners.
+
+    camera: the other camera; uv (n, 2): its pixels of the same points; slope (n, 2, 2): how the points move with them,
+    d uv_here / d uv. An error of those, e, is in these as slope e.
+
+        >>> import calibrant as cb, numpy as np
+        >>> cb.Carried("camera", uv=[[10.0, 20.0]], slope=[np.eye(2)]).camera
+        'camera'
+    """
+
+    camera: str
+    uv: Array
+    slope: Array
+
+    def __post_init__(self) -> None:
+        n, what = len(np.atleast_1d(np.asarray(self.uv))), f"points carried from {self.camera!r}"
+        object.__setattr__(self, "uv", _frozen(self.uv, dtype=np.float64, shape=(n, 2), what=f"{what}: uv"))
+        object.__setattr__(self, "slope", _frozen(self.slope, dtype=np.float64, shape=(n, 2, 2), what=f"{what}: slope"))
+
+    def subset(self, keep: NDArray[np.bool_]) -> Carried:
+        """Those where keep (n,) is true."""
+        return Carried(self.camera, self.uv[keep], self.slope[keep])
+
+
+@dataclass(frozen=True, eq=False)
 class View:
     """The points of one target seen in one image.
 
     points (n, 3) metres, target frame; uv (n, 2) pixels; point_ids (n,) labels of the target's points;
     sigma_px (n,) relative standard deviation of each point per axis, or None when all weigh the same.
     `moment` names what was seen at the same time (other cameras, a robot pose); it is the id when not given.
+    carried: where the points were found by those of another camera, a projector's (see `Carried`).
 
         >>> import calibrant as cb
         >>> len(cb.View("0.png", points=[[0, 0, 0], [0.03, 0, 0]], uv=[[10, 20], [40, 20]], point_ids=[0, 1]))
@@ -48,6 +75,7 @@ class View:
     moment: str = ""
     sigma_px: Array | None = None
     file: str | None = None
+    carried: Carried | None = None
 
     def __post_init__(self) -> None:
         expect(self.id, str, "a view's id", "text")
@@ -62,6 +90,10 @@ class View:
             if np.any(sigma <= 0):
                 raise InputError(f"{where}: sigma_px must be above 0 px for every point")
             set_(self, "sigma_px", sigma)
+        if self.carried is not None and len(self.carried.uv) != n:
+            raise InputError(
+                f"{where}: {n} points, but {len(self.carried.uv)} are carried from {self.carried.camera!r}"
+            )
         if not self.moment:
             set_(self, "moment", self.id)
 
@@ -79,7 +111,9 @@ class View:
     def subset(self, keep: NDArray[np.bool_]) -> View:
         """The view with the points where keep (n,) is true."""
         sigma = None if self.sigma_px is None else self.sigma_px[keep]
-        return replace(self, points=self.points[keep], uv=self.uv[keep], point_ids=self.point_ids[keep], sigma_px=sigma)
+        carried = None if self.carried is None else self.carried.subset(keep)
+        points, uv, ids = self.points[keep], self.uv[keep], self.point_ids[keep]
+        return replace(self, points=points, uv=uv, point_ids=ids, sigma_px=sigma, carried=carried)
 
 
 @dataclass(frozen=True)

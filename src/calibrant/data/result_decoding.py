@@ -14,7 +14,7 @@ from calibrant.cameras import Camera
 from calibrant.data.cell_layout import CellLayout
 from calibrant.data.details import DETAILS
 from calibrant.data.format_one import FORMAT_ONE, from_format_one
-from calibrant.data.observations import DEFAULT_CAMERA, Missed, Observations, View
+from calibrant.data.observations import DEFAULT_CAMERA, Carried, Missed, Observations, View
 from calibrant.data.poses import RobotPoses
 from calibrant.data.result_encoding import FORMAT
 from calibrant.data.results import (
@@ -263,6 +263,15 @@ def _decode_poses(data: Json) -> RobotPoses:
     return RobotPoses(ids, _array(data, "T_base_gripper", (-1, 4, 4), where), _maybe(data, "source", str, where) or "")
 
 
+def _decode_carried(view: Json, where: str) -> Carried | None:
+    data, at = _maybe(view, "carried", dict, where), f"{where}.carried"
+    if data is None:
+        return None
+    return Carried(
+        _get(data, "camera", str, at), _array(data, "uv", (-1, 2), at), _array(data, "slope", (-1, 2, 2), at)
+    )
+
+
 def _decode_observations(data: Json) -> Observations:
     where = "observations"
     views = []
@@ -279,6 +288,7 @@ def _decode_observations(data: Json) -> Observations:
                 moment=_maybe(item, "moment", str, at) or name,
                 sigma_px=_maybe_array(item, "sigma_px", (-1,), at),
                 file=_maybe(item, "file", str, at),
+                carried=_decode_carried(item, at),
             )
         )
     sizes = _get(data, "image_sizes", dict, where)

@@ -136,6 +136,7 @@ def _encode_observations(observations: Observations) -> Json:
                 "points": v.points,
                 "uv": v.uv,
                 "sigma_px": v.sigma_px,
+                "carried": None if v.carried is None else vars(v.carried),
             }
         )
         for v in observations.views

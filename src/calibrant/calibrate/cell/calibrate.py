@@ -7,7 +7,7 @@ joint readings, a robot's own errors (joint offsets) are found in the same probl
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -158,8 +158,10 @@ def fit_cell(
     fix: FixForEach = (),
     reference: str = "",
     accuracies: Mapping[str, RobotAccuracy] | None = None,
+    together: Collection[str] = (),
 ) -> CellFit:
-    """The fit behind `calibrate_cell`; arguments and errors as there. reference: the root camera of a rig."""
+    """The fit behind `calibrate_cell`; arguments and errors as there. reference: the root camera of a rig; together:
+    cameras that their own views need not determine (`LensChoice`)."""
     pictures = [pictures] if isinstance(pictures, Pictures) else pictures
     expect(pictures, (list, tuple), "pictures", "a list of Pictures, one for each camera, robot and setup")
     for one in pictures:
@@ -169,7 +171,9 @@ def fit_cell(
         if name not in where.robots:
             there = ", ".join(where.robots)
             raise InputError(f"the accuracy of robot {name!r}, which has no poses; there are {there or 'none'}")
-    lenses = lens_choices(where.cameras_with_images, cameras=cameras, initial=initial, model=model, fix=fix)
+    lenses = lens_choices(
+        where.cameras_with_images, cameras=cameras, initial=initial, model=model, fix=fix, together=together
+    )
     data, roles, left_out = _matched(where, lenses)
     where, data, numbering = numbered_alike(where, data)
     free = {name: free_joints(r, identify) for name, r in _readings(where, joints).items()}

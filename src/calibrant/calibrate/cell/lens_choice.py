@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from calibrant.cameras import Camera
@@ -21,13 +21,16 @@ MODEL = "brown"
 class LensChoice:
     """One camera: given (within its covariance, exact without one), or calibrated from its pictures with a model.
 
-    fix: names of what is held; initial: where its calibration starts, and what is held is held at.
+    fix: names of what is held; initial: where its calibration starts, and what is held is held at. together: its own
+    views need not determine it: it starts at `initial` and is found in the whole alone, weak terms of distortion held
+    near nothing (`weak_terms`).
     """
 
     given: Camera | None = None
     initial: Camera | None = None
     model: str = MODEL
     fix: tuple[str, ...] = ()
+    together: bool = False
 
 
 def lens_choices(
@@ -37,10 +40,12 @@ def lens_choices(
     initial: Mapping[str, Camera] | None,
     model: ForEach,
     fix: FixForEach,
+    together: Collection[str] = (),
 ) -> dict[str, LensChoice]:
     """The choice for each of the cameras that have pictures.
 
-    Raises: InputError for a camera that has none, and for one that is both given and guessed.
+    Raises: InputError for a camera that has none, one that is both given and guessed, one that is found in the whole
+    alone without a start.
     """
     known, guessed = _cameras(cameras, "cameras", names), _cameras(initial, "initial", names)
     for name in known:
@@ -49,13 +54,21 @@ def lens_choices(
                 f"camera {name!r} is given twice: known (held within its covariance) and as a guess to start from; "
                 "leave one out"
             )
+    _have_pictures(together, "`together`", names)
+    for name in together:
+        if name not in guessed:
+            raise InputError(f"camera {name!r} is found together with the others: give where it starts (initial=…)")
     for what, value in (("`model`", model), ("`fix`", fix)):
         _have_pictures(value if isinstance(value, Mapping) else (), what, names)
     models: Mapping[str, str] = model if isinstance(model, Mapping) else dict.fromkeys(names, model)
     held: Mapping[str, Sequence[str]] = fix if isinstance(fix, Mapping) else dict.fromkeys(names, fix)
     return {
         n: LensChoice(
-            given=known.get(n), initial=guessed.get(n), model=models.get(n, MODEL), fix=tuple(held.get(n, ()))
+            given=known.get(n),
+            initial=guessed.get(n),
+            model=models.get(n, MODEL),
+            fix=tuple(held.get(n, ())),
+            together=n in together,
         )
         for n in names
     }

@@ -14,9 +14,12 @@ from calibrant.calibrate.cell.problem.views import LEAST_SIGMA_PX, HandEyeViews
 from calibrant.calibrate.cell.problem.views import MINIMUM_POINTS as ENOUGH_POINTS
 from calibrant.calibrate.intrinsics.one_model import calibrate_keeping
 from calibrant.calibrate.pose.target_poses import target_poses
+from calibrant.calibrate.reprojection.held import ASPECT, expand_fix
 from calibrant.calibrate.reprojection.outliers import CAUCHY_SCALE_SIGMAS, MINIMUM_POINTS, Marked, mark, view_reason
+from calibrant.calibrate.reprojection.weak_terms import weak_terms_information
 from calibrant.calibrate.reprojection.weights import reweighted
-from calibrant.cameras import Camera
+from calibrant.calibrate.starts.any_lens import transferred
+from calibrant.cameras import Camera, camera_model
 from calibrant.data import Observations, RobotPoses, View, ViewResult
 from calibrant.errors import InputError
 from calibrant.optimize.losses import Loss, cauchy
@@ -67,6 +70,8 @@ def photographed(lists: Sequence[Observations], lens: LensChoice) -> Photographe
         judged = judge(every, lens.given)
         role, views, left_out = prior_camera(lens.given), judged.views, judged.left_out
         sigma, seen_at = None, None
+    elif lens.together and lens.initial is not None:
+        return _placed(lists, every, lens, lens.initial)
     else:
         together = replace(lists[0], views=every)
         kept = calibrate_keeping(together, model=lens.model, fix=lens.fix, initial=lens.initial)
@@ -77,6 +82,23 @@ def photographed(lists: Sequence[Observations], lens: LensChoice) -> Photographe
     by_id = {v.id: v for v in views}
     parts = tuple(tuple(by_id[v.id] for v in seen.views if v.id in by_id) for seen in lists)
     return Photographed(role, parts, left_out, sigma, seen_at)
+
+
+def _placed(lists: Sequence[Observations], every: Sequence[View], lens: LensChoice, initial: Camera) -> Photographed:
+    """A camera that is found in the whole alone: where it starts, and its views as it sees them from there."""
+    kind = camera_model(lens.model)
+    start = Camera(kind, initial.image_size, transferred(initial, kind, np.concatenate([v.uv for v in every])))
+    judged = judge(every, start)
+    held, tied = expand_fix(lens.fix, kind)
+    role = CameraRole(start, held, tied=(ASPECT,) if tied else (), weak=weak_terms_information(start))
+    parts = tuple(tuple(v for v in judged.views if any(v.id == w.id for w in seen.views)) for seen in lists)
+    if not judged.views:
+        return Photographed(role, parts, judged.left_out, LEAST_SIGMA_PX, {})
+    found = target_poses(start, judged.views).T_camera_target
+    freedom = max(sum(2 * len(v) - 6 for v in judged.views), 1)
+    sigma = float(np.sqrt(np.sum(_squares(judged.views, start)) / freedom))
+    seen_at = dict(zip((v.id for v in judged.views), found))
+    return Photographed(role, parts, judged.left_out, max(sigma, LEAST_SIGMA_PX), seen_at)
 
 
 def with_unused(role: CameraRole, lists: Sequence[HandEyeViews]) -> CameraRole:

@@ -27,7 +27,7 @@ from calibrant.calibrate.cell.problem.layout import Frame, Layout, variable
 from calibrant.calibrate.cell.problem.problem import Cell
 from calibrant.calibrate.cell.sizes import Sizes
 from calibrant.calibrate.cell.starts.cell import CellStart
-from calibrant.calibrate.reprojection.factor import seen_in_fit
+from calibrant.calibrate.reprojection.in_fit import seen_in_fit
 from calibrant.calibrate.reprojection.links import Link, link_maps, product
 from calibrant.calibrate.reprojection.view_results import fitted_view, unused_view
 from calibrant.data import (

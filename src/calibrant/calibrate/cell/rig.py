@@ -9,7 +9,7 @@ over all cameras, their places and one target pose a moment, the noise of every 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from calibrant.calibrate.cell.calibrate import CellFit, fit_cell, judged_cell
 from calibrant.calibrate.cell.lens_choice import MODEL, FixForEach, ForEach, lenses_asked
@@ -60,8 +60,9 @@ def fit_rig(
     model: ForEach = MODEL,
     fix: FixForEach = (),
     reference: str | None = None,
+    together: Collection[str] = (),
 ) -> CellFit:
-    """The fit behind `calibrate_rig`; arguments and errors as there."""
+    """The fit behind `calibrate_rig`; arguments and errors as there. together: as `fit_cell` has it."""
     expect(observations, Observations, "observations", "Observations of two cameras or more")
     names = tuple(observations.image_sizes)
     if len(names) < 2:
@@ -69,4 +70,7 @@ def fit_rig(
     if reference is not None and reference not in names:
         raise InputError(f"no camera {reference!r} in the observations; known: {', '.join(names)}")
     pictures = [Pictures(name, HANDHELD, observations.of_camera(name)) for name in names]
-    return fit_cell({}, pictures, cameras=cameras, initial=initial, model=model, fix=fix, reference=reference or "")
+    return fit_cell(
+        {}, pictures, cameras=cameras, initial=initial, model=model, fix=fix, reference=reference or "",
+        together=together,
+    )  # fmt: skip

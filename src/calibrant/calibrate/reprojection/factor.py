@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,14 +18,10 @@ from calibrant.arrays import Array, Indices
 from calibrant.calibrate.reprojection.links import Link, compiled_products, is_plain, link_maps, through_links
 from calibrant.cameras import CameraModel
 from calibrant.data import View
-from calibrant.errors import InputError
 from calibrant.geometry import so3
 from calibrant.optimize.factors import Factor, FactorBlocks
 from calibrant.optimize.losses import Loss
 from calibrant.optimize.threads import over_range
-
-if TYPE_CHECKING:
-    from calibrant.optimize.solution import Solution
 
 SECONDS_PER_POINT = {"normal equations": 8e-8, "residuals": 1.5e-8}
 """Time of a point on one core, for the decision whether more cores pay. Nine parameters; more modes cost more."""
@@ -237,17 +233,3 @@ class ReprojectionFactor(Factor):
         if maps is not None:
             H, g = through_links(H, g, maps)
         return FactorBlocks(float(cost.sum()), H, g, self._ends)
-
-
-def seen_in_fit(fit: Solution, name: str) -> list[tuple[Array, Array]]:
-    """Of every view of the reprojection factor of that name: squared residual norms (n,), px^2, and T_camera_target.
-
-    Raises: InputError for a factor of another kind.
-    """
-    k = fit.problem.factor_index(name)
-    factor = fit.problem.factors[k]
-    if not isinstance(factor, ReprojectionFactor):
-        raise InputError(f"factor {name!r} has no views: it is a {type(factor).__name__}")
-    squares = np.sum(fit.residuals(name) ** 2, axis=1)
-    T = factor.T_camera_target(*fit.problem.gather(k, fit.values))
-    return list(zip(np.split(squares, factor.views.offsets[1:-1]), T))

@@ -30,6 +30,8 @@ def with_view_checks(
     cameras, new = dict(result.cameras), list[Check]()
     own = poses if result.is_about_cameras else None
     for name in result.cameras:
+        if _carried(result, name):
+            continue
         if own is None:
             own = own_poses(result, poses)
         checks, held = _asked(result, name, own, structures.get(name))
@@ -42,6 +44,13 @@ def with_view_checks(
             cameras[name] = replace(cameras[name], covariance=more)
     checks = (*result.checks, *new)
     return replace(result, checks=checks, cameras=cameras, verdict=verdict_of(checks))
+
+
+def _carried(result: CalibrationResult, name: str) -> bool:
+    """Whether the views of a camera are another's, carried: they hold its errors and say nothing by themselves."""
+    views = result.observations.views if result.observations is not None else ()
+    mine = [v for v in views if v.camera == name]
+    return bool(mine) and all(v.carried is not None for v in mine)
 
 
 def _asked(

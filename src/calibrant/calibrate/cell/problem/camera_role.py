@@ -18,6 +18,7 @@ from calibrant.optimize.manifolds import Euclidean, Manifold
 class CameraRole:
     """How the camera enters: its start, names of held parameters, and the square root information of a prior.
 
+    weak: square root information of a prior of mean 0 on terms that the views may not tell (`weak_terms`).
     extra: views without a robot pose that help to determine the camera, with their start poses. tied: what else of
     `--fix` holds (the aspect ratio, as it is at the start).
     """
@@ -28,6 +29,7 @@ class CameraRole:
     extra: tuple[View, ...] = ()
     extra_poses: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))
     tied: tuple[str, ...] = ()
+    weak: Array | None = None
 
     @property
     def manifold(self) -> Manifold:
@@ -48,6 +50,8 @@ class CameraRole:
             return "given, held"
         if self.prior is not None:
             return "given with its covariance, refined jointly"
+        if self.weak is not None:
+            return "found in the whole alone, distortion that nothing tells held near none"
         return "calibrated from the same images, refined jointly"
 
 

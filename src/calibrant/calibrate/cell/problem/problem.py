@@ -53,10 +53,12 @@ from calibrant.calibrate.cell.problem.layout import (
 )
 from calibrant.calibrate.cell.problem.pose_pairs import MeasuredRotation, MeasuredTranslation
 from calibrant.calibrate.cell.problem.views import HandEyeViews, from_target_poses
-from calibrant.calibrate.reprojection.factor import ReprojectionFactor, TargetModes, stack
+from calibrant.calibrate.reprojection.carried import CarriedFactor
+from calibrant.calibrate.reprojection.factor import ReprojectionFactor, StackedViews, TargetModes, stack
 from calibrant.calibrate.reprojection.links import Link
 from calibrant.calibrate.solvers.setup import Setup
 from calibrant.data import DEFAULT_CAMERA, Observations, RobotPoses, View
+from calibrant.data.observations import Carried
 from calibrant.optimize.factors import Factor, RotationPrior, TranslationPrior, VectorPrior
 from calibrant.optimize.manifolds import SE3, Euclidean, Variable
 from calibrant.optimize.problem import Problem
@@ -163,9 +165,9 @@ def cell_problem(
     factors: list[Factor] = []
     for i in range(len(cell.data)):
         factors += _list_factors(cell, i, scale=cell.layout.pictures[i].target in free_sizes)
-    seen = {p.camera for i, p in enumerate(cell.layout.pictures) if cell.used_views(i)}
+    seen = {name for f in factors for name in f.variables}
     for name, role in cell.roles.items():
-        if name in seen:
+        if lens_variable(name) in seen:
             _add_lens(name, role, variables, factors)
     for robot in cell.layout.robots:
         _add_robot(cell, robot, variables, factors)
@@ -195,18 +197,37 @@ def _list_factors(cell: Cell, i: int, *, scale: bool) -> list[Factor]:
             MeasuredTranslation(f"translations {i}", links, B, noise=translation, scale=size),
         ]
     stacked = stack(cell.used_views(i))
-    return [
-        ReprojectionFactor(
-            pictures_factor(i),
-            model=cell.roles[p.camera].camera.model,
-            camera=lens_variable(p.camera),
-            links=links,
-            views=stacked,
-            # The mode's amplitude is scale - 1: points + (s - 1) points.
-            modes=None if size is None else TargetModes(size, stacked.points[None]),
-            noise=pixel_group(p.camera),
-        )
-    ]
+    # The mode's amplitude is scale - 1: points + (s - 1) points.
+    modes = None if size is None else TargetModes(size, stacked.points[None])
+    seen = _reprojection(cell, p, links, stacked, name=pictures_factor(i), modes=modes)
+    carried = [v.carried for v in cell.used_views(i) if v.carried is not None]
+    return [seen] if len(carried) < len(ids) else [_carried(cell, i, seen, carried)]
+
+
+def _reprojection(
+    cell: Cell, p: Pictures, links: Sequence[Link], views: StackedViews, *, name: str, modes: TargetModes | None = None
+) -> ReprojectionFactor:
+    return ReprojectionFactor(
+        name,
+        model=cell.roles[p.camera].camera.model,
+        camera=lens_variable(p.camera),
+        links=links,
+        views=views,
+        modes=modes,
+        noise=pixel_group(p.camera),
+    )
+
+
+def _carried(cell: Cell, i: int, seen: ReprojectionFactor, carried: Sequence[Carried]) -> Factor:
+    """The factor of list i, whose points another camera's carried; as if they were its own where that is not there."""
+    p, n = cell.layout.pictures[i], len(carried)
+    other = next((q for q in cell.layout.pictures if q.camera == carried[0].camera and q.target == p.target), None)
+    if other is None or {c.camera for c in carried} != {other.camera} or other.camera not in cell.roles:
+        return seen
+    links = cell.layout.links(other, cell.rows(i), n)
+    views = replace(seen.views, uv=np.concatenate([c.uv for c in carried]))
+    at = _reprojection(cell, other, links, views, name=f"{other.camera} of {seen.name}", modes=seen.modes)
+    return CarriedFactor(seen.name, seen=seen, at=at, slope=np.concatenate([c.slope for c in carried]))
 
 
 def _add_lens(name: str, role: CameraRole, variables: list[Variable], factors: list[Factor]) -> None:
@@ -214,6 +235,9 @@ def _add_lens(name: str, role: CameraRole, variables: list[Variable], factors: l
     variables.append(Variable(lens, role.manifold, values[None], words=f"the lens of {name}"))
     if role.prior is not None:
         factors.append(VectorPrior(f"prior of {name}", lens, 0, values, sqrt_information=role.prior))
+    if role.weak is not None and len(role.weak):
+        nothing = np.zeros_like(values)
+        factors.append(VectorPrior(f"weak terms of {name}", lens, 0, nothing, sqrt_information=role.weak))
     if role.extra:
         apart = extra_variable(name)
         variables.append(Variable(apart, SE3(), role.extra_poses))

@@ -1,0 +1,1 @@
+"""A projector beside a camera: an inverse camera, found in one problem with it."""

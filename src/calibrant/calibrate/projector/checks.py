@@ -1,0 +1,51 @@
+"""What a finished projector is asked: which terms the boards told, whether its lens is shifted, is the board flat."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from calibrant.calibrate.reprojection.weak_terms import corner_reach, term_sigma
+from calibrant.cameras import Camera
+from calibrant.data import CalibrationResult, Check
+
+UNTOLD = 0.5
+"""Of the prior's sigma: a quarter or more of what is known of a term this uncertain comes from the prior."""
+
+
+def projector_checks(result: CalibrationResult, left_out: Mapping[str, Sequence[str]]) -> tuple[Check, ...]:
+    """The checks of a projector beside those of every rig. left_out: terms that nothing told, by lens."""
+    terms = [_terms_check(name, terms) for name, terms in left_out.items()]
+    return (*terms, _shift_check(result.cameras["projector"]))
+
+
+def untold_terms(camera: Camera) -> tuple[str, ...]:
+    """Terms of distortion that the views tell less than what lenses can do."""
+    reach, out = corner_reach(camera), []
+    for name, sigma in camera.sigma.items():
+        prior = term_sigma(name, reach)
+        if prior is not None and sigma > UNTOLD * prior:
+            out.append(name)
+    return tuple(out)
+
+
+def _terms_check(name: str, left_out: Sequence[str]) -> Check:
+    if not left_out:
+        return Check(f"weak-terms-{name}", "ok", f"{name}: the boards tell every term of the distortion", 0.0)
+    message = (
+        f"{name}: the boards do not tell {', '.join(left_out)}, which {'is' if len(left_out) == 1 else 'are'} left out "
+        "(0); more boards, out to the corners of the picture, would"
+    )
+    return Check(f"weak-terms-{name}", "ok", message, float(len(left_out)))
+
+
+def _shift_check(projector: Camera) -> Check:
+    """Where the axis leaves the picture: projectors for tables and walls throw their picture to one side."""
+    width, height = projector.image_size
+    cx, cy = projector.parameters["cx"], projector.parameters["cy"]
+    x, y = (cx - (width - 1) / 2) / width, (cy - (height - 1) / 2) / height
+    outside = max(abs(x), abs(y)) > 0.5
+    message = (
+        f"the principal point is {x:+.0%} of the picture's width and {y:+.0%} of its height off the middle"
+        f"{', outside the picture: the lens is shifted' if outside else ''}"
+    )
+    return Check("lens-shift", "ok", message, float(max(abs(x), abs(y), key=abs)))

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from calibrant.calibrate.cell.problem.layout import TargetPoses as TargetPoses
     from calibrant.calibrate.cell.rig import calibrate_rig as calibrate_rig
     from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics as calibrate_intrinsics
+    from calibrant.calibrate.stereo.calibrate import calibrate_stereo as calibrate_stereo
     from calibrant.cameras import Camera as Camera
     from calibrant.data import CalibrationResult as CalibrationResult
     from calibrant.data import Check as Check
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
     from calibrant.tasks.verbs import point as point
     from calibrant.tasks.verbs import pose as pose
     from calibrant.tasks.verbs import report as report
+    from calibrant.tasks.verbs import stereo as stereo
     from calibrant.tasks.verbs import study_methods as study_methods
     from calibrant.tasks.verbs import target as target
     from calibrant.tasks.verbs import time_offset as time_offset
@@ -78,11 +80,13 @@ _PUBLIC = {
     "calibrate_hand_eye": ("calibrant.calibrate.cell.hand_eye", "calibrate_hand_eye"),
     "calibrate_intrinsics": ("calibrant.calibrate.intrinsics.calibrate", "calibrate_intrinsics"),
     "calibrate_rig": ("calibrant.calibrate.cell.rig", "calibrate_rig"),
+    "calibrate_stereo": ("calibrant.calibrate.stereo.calibrate", "calibrate_stereo"),
     "calibrate_several": ("calibrant.calibrate.cell.calibrate", "calibrate_several"),
     "detect": ("calibrant.detection.pipeline", "detect"),
     "doctor": ("calibrant.tasks.verbs", "doctor"),
     "dynamic": ("calibrant.tasks.verbs", "dynamic"),
     "undistort": ("calibrant.tasks.verbs", "undistort"),
+    "stereo": ("calibrant.tasks.verbs", "stereo"),
     "study_methods": ("calibrant.tasks.verbs", "study_methods"),
     "demo": ("calibrant.tasks.verbs", "demo"),
     "capture": ("calibrant.tasks.verbs", "capture"),

@@ -8,7 +8,13 @@ for a record by its class: `result.detail(JointAxes)` is one, or None where the 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+from calibrant.data.details_stereo import EpipolarErrors as EpipolarErrors
+from calibrant.data.details_stereo import PairErrors as PairErrors
+from calibrant.data.details_stereo import StereoCovariance as StereoCovariance
+from calibrant.data.details_stereo import StereoGeometry as StereoGeometry
+from calibrant.data.details_stereo import TriangulatedEdges as TriangulatedEdges
 
 Triple = tuple[float, float, float]
 
@@ -206,10 +212,14 @@ class PictureRegion:
 
 @dataclass(frozen=True)
 class MarkedPoints:
-    """Points whose error is above a limit, px, by view: they were used, and the next run may leave them out."""
+    """Points whose error is above a limit, px, by view: they were used, and the next run may leave them out.
+
+    limits_px: by camera, and "epipolar", where there are several; limit_px is the least of them then.
+    """
 
     limit_px: float
     points: Mapping[str, tuple[int, ...]]
+    limits_px: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -323,5 +333,9 @@ DETAILS: Mapping[str, type] = {
     "changes": Changes,
     "reference": ReferencePicture,
     "pointed_spot": PointedSpot,
+    "stereo": StereoGeometry,
+    "epipolar": EpipolarErrors,
+    "edges": TriangulatedEdges,
+    "stereo_covariance": StereoCovariance,
 }
 """The key of each record in a result file."""

@@ -47,9 +47,12 @@ def calibrate_rig(
         result.transform("left", "right").matrix
     """
     fit = fit_rig(observations, cameras=cameras, initial=initial, model=model, fix=fix, reference=reference)
-    return judged_cell(
-        fit, {"model": dict(model) if isinstance(model, Mapping) else model} | lenses_asked(fix, initial)
-    )
+    return judged_cell(fit, asked_of_rig(model, fix, initial))
+
+
+def asked_of_rig(model: ForEach, fix: FixForEach, initial: Mapping[str, Camera] | None) -> dict[str, object]:
+    """The options as a rig's result holds them."""
+    return {"model": dict(model) if isinstance(model, Mapping) else model} | lenses_asked(fix, initial)
 
 
 def fit_rig(

@@ -39,6 +39,11 @@ def is_opencvs(camera: Camera) -> bool:
     return camera.model.name in _TERMS
 
 
+def distortion_coefficients(camera: Camera) -> NDArray:
+    """OpenCV's coefficients (n, 1) of a camera whose model it has, in its order."""
+    return np.array([[camera.parameters.get(k, 0.0)] for k in _TERMS[camera.model.name]])
+
+
 def write_intrinsics(
     camera: Camera, path: str | Path, *, rms_px: float | None = None, force: bool = False, created: str | None = None
 ) -> Path:
@@ -63,7 +68,7 @@ def intrinsics_text(camera: Camera, *, rms_px: float | None = None, created: str
         "image_height": camera.image_size[1],
         "camera_model": camera.model.name,
         "camera_matrix": camera.K,
-        "distortion_coefficients": np.array([[p.get(k, 0.0)] for k in _TERMS[camera.model.name]]),
+        "distortion_coefficients": distortion_coefficients(camera),
     }
     if _TERMS[camera.model.name] == TERMS[:5]:
         values |= {"K": camera.K, "kc": values["distortion_coefficients"]}

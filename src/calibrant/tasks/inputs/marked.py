@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING
 from calibrant.errors import InputError
 
 if TYPE_CHECKING:
-    from calibrant.data import CalibrationResult, Observations
+    from calibrant.data import CalibrationResult, Observations, ViewResult
 
 
 def with_marks(result: CalibrationResult, limit_px: float) -> CalibrationResult:
@@ -55,12 +56,65 @@ def without_marked(found: Observations, file: Path) -> Observations:
     marks = read_result(file).detail(MarkedPoints)
     if marks is None:
         raise InputError(f"{file} has no marked points; a run with --mark-outliers PX and --out writes them")
-    strange = sorted(set(marks.points) - {v.id for v in found.views})
+    keys = [mark_key(v.id, v.camera, found.image_sizes) for v in found.views]
+    strange = sorted(set(marks.points) - set(keys))
     if strange:
         raise InputError(f"{file} has marked points in {strange[0]}, which is not among the photos")
     return replace(
         found,
         views=tuple(
-            v.subset(~np.isin(v.point_ids, marks.points[v.id])) if v.id in marks.points else v for v in found.views
+            v.subset(~np.isin(v.point_ids, marks.points[key])) if key in marks.points else v
+            for v, key in zip(found.views, keys)
         ),
     )
+
+
+def mark_key(view: str, camera: str, cameras: Collection[str]) -> str:
+    """What marks call a view: its id, with its camera's name in front where there are several."""
+    return view if len(cameras) == 1 else f"{camera}/{view}"
+
+
+def with_pair_marks(
+    result: CalibrationResult, limits_px: Mapping[str, float], *, epipolar_px: float | None = None
+) -> CalibrationResult:
+    """The result of a stereo pair with points marked: of a camera above its own limit, and in both images those further
+    than `epipolar_px` from the line of their partner in either; nothing else changes."""
+    import numpy as np
+
+    from calibrant.data import Check
+    from calibrant.data.details import EpipolarErrors, MarkedPoints
+
+    seen = {} if result.observations is None else {(v.camera, v.id): v for v in result.observations.views}
+    marked: dict[tuple[str, str], set[int]] = {}
+    for row in result.views:
+        camera = result.camera_of(row)
+        view, T, limit = seen.get((camera, row.id)), row.T_camera_target, limits_px.get(camera)
+        if view is None or T is None or not row.used or limit is None:
+            continue
+        errors = np.linalg.norm(view.residuals(result.cameras[camera], T), axis=1)
+        marked.setdefault((camera, row.id), set()).update(view.point_ids[errors > limit].tolist())
+    errors_of_pairs, (left, right) = result.detail(EpipolarErrors), tuple(result.cameras)
+    if epipolar_px is not None and errors_of_pairs is not None:
+        for pair in errors_of_pairs.pairs.values():
+            worst = np.maximum(pair.left_px, pair.right_px)
+            ids = np.array(pair.point_ids)[worst > epipolar_px].tolist()
+            for key in ((left, pair.left), (right, pair.right)):
+                marked.setdefault(key, set()).update(ids)
+    marked = {key: ids for key, ids in marked.items() if ids}
+    views = tuple(_remarked(v, len(marked.get((result.camera_of(v), v.id), ()))) for v in result.views)
+    limits = {**limits_px, **({} if epipolar_px is None else {"epipolar": epipolar_px})}
+    above = ", ".join(f"{name} {limit:g} px" for name, limit in limits.items())
+    count = sum(map(len, marked.values()))
+    text = f"{count} points, in {len(marked)} views, have an error above the limits ({above}): marked"
+    check = Check("marked-points", "ok", f"{text}; without_marked of the next run leaves them out", float(count))
+    points = {mark_key(i, c, result.cameras): tuple(sorted(ids)) for (c, i), ids in marked.items()}
+    options = {**result.options, "mark_outliers_px": limits}
+    done = replace(result, views=views, checks=(*result.checks, check), options=options)
+    return done.with_detail(MarkedPoints(min(limits.values()), points, limits))
+
+
+def _remarked(row: ViewResult, count: int) -> ViewResult:
+    if not count:
+        return row
+    words = f"{count} of {row.points} points above a limit marked"
+    return replace(row, reason=f"{row.reason}; {words}" if row.reason else words)

@@ -23,3 +23,5 @@ ROTATIONS = ("auto", "quat-xyzw", "quat-wxyz", "rotvec", "matrix", "euler:ZYX", 
 DIRECTIONS = ("auto", "base-gripper", "gripper-base")
 TARGET_DIRECTIONS = ("auto", "camera-target", "target-camera")
 PAGES = ("auto", "fit", "a4", "a3", "a2", "a1", "a0", "letter", "tabloid")
+PAIR_RULES = ("auto", "name", "order", "time")
+"""How images of two cameras are paired."""

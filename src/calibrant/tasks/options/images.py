@@ -57,6 +57,22 @@ class SearchOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PairSearchOptions:
+    """Which images of a pair of cameras are searched, and where the work is done."""
+
+    mirror_left: bool = False
+    """The left camera delivers mirror images: flip them left to right."""
+    mirror_right: bool = False
+    """The right camera delivers mirror images: flip them left to right."""
+    exclude: Annotated[tuple[str, ...], Option("NAMES")] = ()
+    """Images to leave out, by file name, each with its partner."""
+    workers: Annotated[str | int | None, Option("N")] = None
+    """Processes that detect, or a Dask scheduler's address: tcp://HOST:PORT."""
+    cache: Annotated[str | None, Option("DIR")] = None
+    """Keep what was detected in this folder (else in the user's cache folder); none: keep nothing."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class CornerOptions:
     """How corners are measured."""
 

@@ -1,0 +1,155 @@
+"""Stereo: a rig of two cameras, by the one pipeline, and what is asked of a pair alone.
+
+The fit is that of `calibrate.cell.rig`, digit for digit. Added are the pair as OpenCV has it, epipolar errors point by
+point, the board's edges triangulated, what a point in front is known to, and checks: sides, pairs, epipolar errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from calibrant.arrays import Array
+from calibrant.calibrate.cell.calibrate import CellFit, ReviewedCell, reviewed_cell
+from calibrant.calibrate.cell.lens_choice import MODEL, FixForEach, ForEach
+from calibrant.calibrate.cell.problem.groups import lens_variable, pixel_group
+from calibrant.calibrate.cell.problem.layout import variable
+from calibrant.calibrate.cell.rig import asked_of_rig, fit_rig
+from calibrant.calibrate.stereo import checks as questions
+from calibrant.calibrate.stereo.depth import point_certainty
+from calibrant.calibrate.stereo.edges import triangulated_edges
+from calibrant.calibrate.stereo.pairs import Seen, epipolar_errors, fundamental, seen_by_both, triangulated
+from calibrant.cameras import Camera
+from calibrant.data import CalibrationResult, Measured, Observations, TransformEstimate, verdict_of
+from calibrant.data.details import EpipolarErrors, StereoCovariance, StereoGeometry, TriangulatedEdges
+from calibrant.data.details_stereo import Matrix, Row
+from calibrant.data.verdicts import refuse_if_failed
+from calibrant.errors import InputError
+from calibrant.expected import expect
+from calibrant.geometry import se3
+from calibrant.geometry.projective import essential_from_transform
+
+_PLACE = ("rotation x", "rotation y", "rotation z", "translation x", "translation y", "translation z")
+
+
+def calibrate_stereo(
+    observations: Observations,
+    *,
+    cameras: Mapping[str, Camera] | None = None,
+    initial: Mapping[str, Camera] | None = None,
+    model: ForEach = MODEL,
+    fix: FixForEach = (),
+) -> CalibrationResult:
+    """Calibrate two cameras that are fixed to each other; the first of the observations is the left one.
+
+    Arguments, fit and digits are those of `calibrate_rig`: cameras known (held within their covariance), guessed
+    (initial) or free, each by its name; views of one `moment` were taken at once. Returns a result of kind "stereo":
+    T_left_right (coordinates of the right camera into the left one), `StereoGeometry` with OpenCV's R, t, E and F,
+    `EpipolarErrors`, `TriangulatedEdges`, `StereoCovariance`; figures "baseline" (mm), "epipolar RMS" (px), "edge RMS"
+    (mm) and "depth" (mm, of a point amid the boards, with the sigma that the calibration leaves in it).
+    Raises: InputError for unusable input; RefusedError when the cameras share no moments or cannot be determined.
+
+    Example::
+
+        left = cb.View("left-0", points, uv_left, ids, "left", moment="0")
+        right = cb.View("right-0", points, uv_right, ids, "right", moment="0")  # and so on: ten moments or more
+        result = cb.calibrate_stereo(cb.Observations((left, right), {"left": (1280, 1024), "right": (1280, 1024)}))
+        result.figures["baseline"]
+    """
+    expect(observations, Observations, "observations", "Observations of two cameras")
+    names = tuple(observations.image_sizes)
+    if len(names) != 2:
+        raise InputError(
+            f"stereo takes two cameras, the observations have {len(names)}: {', '.join(names)}; calibrate_rig takes "
+            "any number"
+        )
+    fit = fit_rig(observations, cameras=cameras, initial=initial, model=model, fix=fix)
+    result = stereo_result(fit, reviewed_cell(fit, asked_of_rig(model, fix, initial)))
+    refuse_if_failed(result)
+    return result
+
+
+def stereo_result(fit: CellFit, found: ReviewedCell) -> CalibrationResult:
+    """The result of a rig of two, as one of kind "stereo"."""
+    rig = found.result
+    left, right = fit.cell.layout.cameras
+    T = rig.transform(left, right)
+    eyes = rig.cameras[left], rig.cameras[right]
+    sigma = fit.noise.levels[pixel_group(left)].sigma, fit.noise.levels[pixel_group(right)].sigma
+    pairs = seen_by_both(fit.cell.used_views(0), fit.cell.used_views(1))
+    errors = epipolar_errors(pairs, *eyes, T.matrix, sigma_px=sigma)
+    edges = triangulated_edges(pairs, *eyes, T.matrix)
+    covariance = _covariance(found, left, right)
+    records = [_geometry(left, right, *eyes, T.matrix), errors, edges, covariance]
+    asked = (
+        questions.sides_check(left, right, T),
+        questions.pairs_check(rig.observations, left, right, pairs),
+        *questions.epipolar_checks(errors),
+    )
+    checks = (*rig.checks, *asked)
+    return replace(
+        rig,
+        kind="stereo",
+        checks=checks,
+        verdict=verdict_of(checks),
+        figures={**rig.figures, **_figures(T, errors, edges), **_depth(pairs, eyes, T.matrix, covariance, sigma)},
+        details=(*rig.details, *(r for r in records if r is not None)),
+    )
+
+
+def _covariance(found: ReviewedCell, left: str, right: str) -> StereoCovariance:
+    solution, cameras = found.solution, found.result.cameras
+    asked = [(lens_variable(left), 0), (lens_variable(right), 0), (variable((left, right)), 0)]
+    C = solution.joint_covariance(asked)
+    names = [f"{c} {n}" for c in (left, right) for n in cameras[c].model.parameter_names]
+    return StereoCovariance((*names, *_PLACE), tuple(tuple(row) for row in C.tolist()))
+
+
+def _geometry(left: str, right: str, a: Camera, b: Camera, T_left_right: Array) -> StereoGeometry:
+    T = se3.inverse(T_left_right)
+    E, F = essential_from_transform(T), fundamental(a, b, T_left_right)
+    return StereoGeometry(left, right, _matrix(T[:3, :3]), _row(T[:3, 3]), _matrix(E), _matrix(F))
+
+
+def _row(v: Array) -> Row:
+    x, y, z = v.tolist()
+    return x, y, z
+
+
+def _matrix(M: Array) -> Matrix:
+    return _row(M[0]), _row(M[1]), _row(M[2])
+
+
+def _figures(
+    T: TransformEstimate, errors: EpipolarErrors | None, edges: TriangulatedEdges | None
+) -> dict[str, Measured]:
+    """The figures that answer: how far apart, and how well the pair fits itself."""
+    t = T.matrix[:3, 3]
+    length = float(np.linalg.norm(t))
+    sigma = np.nan
+    if T.covariance is not None and length > 0:
+        sigma = float(np.sqrt(t @ T.covariance[3:, 3:] @ t)) / length
+    out = {"baseline": Measured(1e3 * length, 1e3 * sigma, "mm")}
+    if errors is not None:
+        out["epipolar RMS"] = Measured(errors.rms_px, unit="px")
+    if edges is not None:
+        out["edge RMS"] = Measured(edges.rms_mm, unit="mm")
+    return out
+
+
+def _depth(
+    pairs: list[Seen],
+    eyes: tuple[Camera, Camera],
+    T_left_right: Array,
+    covariance: StereoCovariance,
+    sigma_px: tuple[float, float],
+) -> dict[str, Measured]:
+    """Depth of a point amid what was seen, with the sigma that the calibration leaves in it, and that of one match."""
+    if not pairs:
+        return {}
+    p = np.median([np.median(triangulated(pair, *eyes, T_left_right), axis=0) for pair in pairs], axis=0)
+    found = point_certainty(*eyes, T_left_right, p, covariance=np.array(covariance.matrix), sigma_px=sigma_px)
+    by_all, by_match = (1e3 * float(np.sqrt(C[0, 2, 2])) for C in (found.calibration, found.matching))
+    return {"depth": Measured(1e3 * float(p[2]), by_all, "mm"), "depth noise of a match": Measured(by_match, unit="mm")}

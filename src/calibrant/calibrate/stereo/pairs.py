@@ -1,0 +1,104 @@
+"""What both eyes of a pair saw of the target at one moment, and how far it is from their common geometry."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibrant.arrays import Array, Indices
+from calibrant.cameras import Camera
+from calibrant.data import View
+from calibrant.data.details import EpipolarErrors, PairErrors
+from calibrant.geometry import se3
+from calibrant.geometry.projective import epipolar_distance, fundamental_from_transform
+from calibrant.geometry.triangulation import refine_points, triangulate
+
+STEEPEST = float(np.cos(np.deg2rad(85)))
+"""Rays further from the axis have no undistorted pixel that says anything: it runs off to infinity at 90 degrees."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """Points of the target that both cameras saw at a moment: ids (n,), points (n, 3), pixels (n, 2) in each image."""
+
+    moment: str
+    left: str
+    right: str
+    point_ids: Indices
+    points: Array
+    uv_left: Array
+    uv_right: Array
+
+
+def seen_by_both(left: Iterable[View], right: Iterable[View]) -> list[Seen]:
+    """The pairs of views of one moment, with the points that are in both; none for a pair without a common point."""
+    other = {v.moment: v for v in right}
+    out = []
+    for a in left:
+        b = other.get(a.moment)
+        if b is None:
+            continue
+        ids, i, j = np.intersect1d(a.point_ids, b.point_ids, return_indices=True)
+        if len(ids):
+            out.append(Seen(a.moment, a.id, b.id, ids.astype(np.int64), a.points[i], a.uv[i], b.uv[j]))
+    return out
+
+
+def undistorted(camera: Camera, uv: Array) -> Array:
+    """Pixels (n, 2) as the camera without distortion has them, K ray / ray_z; NaN beyond `STEEPEST`."""
+    rays = camera.unproject(uv)
+    z = rays[..., 2:]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        flat = np.where(z > STEEPEST, rays / z, np.nan)
+    return np.asarray((flat @ camera.K.T)[..., :2])
+
+
+def fundamental(left: Camera, right: Camera, T_left_right: Array) -> Array:
+    """F (3, 3) with u_right^T F u_left = 0 for undistorted pixels (u, v, 1)."""
+    return fundamental_from_transform(se3.inverse(T_left_right), K_a=left.K, K_b=right.K)
+
+
+def epipolar_errors(
+    pairs: Sequence[Seen], left: Camera, right: Camera, T_left_right: Array, *, sigma_px: tuple[float, float]
+) -> EpipolarErrors | None:
+    """How far each point lies from the line of its partner, in both images; None where no pair has a point.
+
+    sigma_px: noise per axis of each camera: with lines of like scale, a distance is off by both.
+    """
+    F = fundamental(left, right, T_left_right)
+    found: dict[str, PairErrors] = {}
+    every = []
+    for pair in pairs:
+        a, b = undistorted(left, pair.uv_left), undistorted(right, pair.uv_right)
+        ok = np.all(np.isfinite(a) & np.isfinite(b), axis=1)
+        if not ok.any():
+            continue
+        a, b = a[ok], b[ok]
+        in_left, in_right = epipolar_distance(F.T, b, a), epipolar_distance(F, a, b)
+        both = np.concatenate([in_left, in_right])
+        every.append(both)
+        found[pair.moment] = PairErrors(
+            pair.left,
+            pair.right,
+            *_spread(both),
+            tuple(int(i) for i in pair.point_ids[ok]),
+            tuple(in_left.tolist()),
+            tuple(in_right.tolist()),
+        )
+    if not every:
+        return None
+    return EpipolarErrors(*_spread(np.concatenate(every)), float(np.hypot(*sigma_px)), found)
+
+
+def _spread(values: Array) -> tuple[float, float, float]:
+    """rms, least and largest."""
+    return float(np.sqrt(np.mean(values**2))), float(values.min()), float(values.max())
+
+
+def triangulated(pair: Seen, left: Camera, right: Camera, T_left_right: Array) -> Array:
+    """The points (n, 3) in the left camera's frame, metres, with the least squared angles to their rays."""
+    T = np.stack([np.eye(4), T_left_right])
+    rays = np.stack([left.unproject(pair.uv_left), right.unproject(pair.uv_right)])
+    return refine_points(triangulate(rays, T_world_camera=T), rays, T_world_camera=T)

@@ -1,0 +1,59 @@
+"""A stereo pair in OpenCV's own file format: `stereo.yml`, as its stereo samples and calibration programs write it.
+
+K1 D1, K2 D2 (OpenCV's samples call the former M1, M2: both stand there), R and T with X_right = R X_left + T, T in
+millimetres (`T_unit`), E = [T]x R and F of undistorted pixels.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrant.data import CalibrationResult
+from calibrant.data.details import StereoGeometry
+from calibrant.errors import InputError
+from calibrant.formats.cameras.opencv import distortion_coefficients, is_opencvs
+from calibrant.formats.cameras.opencv_storage import yaml_text
+
+_MM = 1e3
+
+
+def is_opencvs_pair(result: CalibrationResult) -> bool:
+    """Whether OpenCV has the models of both cameras."""
+    return all(is_opencvs(camera) for camera in result.cameras.values())
+
+
+def stereo_text(result: CalibrationResult) -> str:
+    """The pair of a result of kind "stereo". Raises: InputError for another kind, or a model that OpenCV lacks."""
+    pair = result.detail(StereoGeometry)
+    if pair is None:
+        raise InputError(f"a result of kind {result.kind!r} holds no stereo pair; calibrant stereo makes one")
+    values: dict[str, NDArray | float | int | str] = {"calibration_time": result.created}
+    for number, name in ((1, pair.left), (2, pair.right)):
+        camera = result.cameras[name]
+        if not is_opencvs(camera):
+            raise InputError(
+                f"the {camera.model.name} camera {name} cannot be written as OpenCV YAML, which has no such model; "
+                "write the JSON result instead"
+            )
+        values |= {
+            f"camera_{number}": name,
+            f"camera_model_{number}": camera.model.name,
+            f"image_width_{number}": camera.image_size[0],
+            f"image_height_{number}": camera.image_size[1],
+            f"K{number}": camera.K,
+            f"D{number}": distortion_coefficients(camera),
+            f"M{number}": camera.K,
+        }
+        if "xi" in camera.parameters:
+            values[f"xi{number}"] = camera.parameters["xi"]
+    values |= {
+        "R": np.array(pair.R),
+        "T": _MM * np.array([pair.t_m]).T,
+        "T_unit": "mm",
+        "E": _MM * np.array(pair.E),
+        "F": np.array(pair.F),
+    }
+    if result.rms_px is not None:
+        values["avg_reprojection_error"] = float(result.rms_px)
+    return yaml_text(values)

@@ -1,0 +1,163 @@
+"""The images of a stereo pair: paired, searched a side by itself, and named by their moments."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from calibrant.errors import InputError
+from calibrant.tasks.inputs.by_side import SIDES
+from calibrant.tasks.inputs.image_pairs import ImagePairs, paired_images
+from calibrant.tasks.inputs.sources import Source, kept
+from calibrant.tasks.listener import Listener
+from calibrant.tasks.options.images import CornerOptions, PairSearchOptions, SearchOptions
+from calibrant.tasks.options.words import split_names
+
+if TYPE_CHECKING:
+    from calibrant.cameras import Camera
+    from calibrant.data import Observations
+
+
+@dataclass(frozen=True, eq=False)
+class StereoPictures:
+    """sources: of each side, by name; or one file of points of both cameras (observations). rule: how images pair;
+    mirrored: sides whose camera delivers mirror images; exclude: names of images whose pairs are left out."""
+
+    sources: Mapping[str, Source]
+    observations: Path | None
+    rule: str
+    mirrored: tuple[str, ...]
+    exclude: tuple[str, ...]
+
+    @cached_property
+    def every_file(self) -> dict[str, list[Path]]:
+        """All images of each side. Raises: InputError as `Source.files`."""
+        return {side: source.files() for side, source in self.sources.items()}
+
+    @cached_property
+    def found(self) -> ImagePairs | None:
+        """The pairs; None for points found before, whose views say their moments."""
+        return paired_images(*self.every_file.values(), rule=self.rule) if self.sources else None
+
+    @property
+    def paired(self) -> str:
+        """How images were paired, in words."""
+        return "" if self.found is None else self.found.words
+
+    @cached_property
+    def moments(self) -> dict[str, dict[Path, str]]:
+        """By side, the moment of every image that is kept: a pair of which one is excluded goes whole.
+
+        Raises: InputError for names to exclude that are not there, or when nothing stays.
+        """
+        if self.found is None:
+            return {}
+        left, right = self.every_file.values()
+        rows = [((left[i], SIDES[0]), (right[j], SIDES[1])) for i, j in self.found.pairs]
+        alone = [((left[i], SIDES[0]),) for i in self.found.alone_left]
+        alone += [((right[j], SIDES[1]),) for j in self.found.alone_right]
+        names = [file.name for side in (left, right) for file in side]
+        keep = dict(zip(names, kept(names, self.exclude, what="image")))
+        out: dict[str, dict[Path, str]] = {side: {} for side in SIDES}
+        for number, row in enumerate([*rows, *alone]):
+            if all(keep[file.name] for file, _ in row):
+                for file, side in row:
+                    out[side][file] = f"{number} {row[0][0].stem}"
+        return out
+
+    @property
+    def inputs(self) -> list[Path]:
+        """Every file that is read."""
+        if self.observations is not None:
+            return [self.observations]
+        return [f for side, source in self.sources.items() for f in source.inputs(list(self.moments[side]))]
+
+    def read(self) -> Observations:
+        """What both cameras saw. Raises: InputError, DetectionError."""
+        from calibrant.data import Observations
+        from calibrant.tasks.inputs.sources import Source
+
+        if self.observations is not None:
+            return _of_two(Source(observations=self.observations).read([]), self.observations)
+        parts = [_of_side(self.sources[side].read(list(files)), side, files) for side, files in self.moments.items()]
+        specs = {part.target for part in parts}
+        return Observations(
+            tuple(v for part in parts for v in part.views),
+            {side: size for part in parts for side, size in part.image_sizes.items()},
+            specs.pop() if len(specs) == 1 else None,
+            tuple(m for part in parts for m in part.missed),
+            tuple(dict.fromkeys(n for part in parts for n in part.notes)),
+        )
+
+    def look_again(self, found: Observations, cameras: Mapping[str, Camera]) -> Observations:
+        """The observations with the corners that known cameras help to find; itself where none was found."""
+        more: dict[str, Observations] = {}
+        for side, source in self.sources.items():
+            mine = found.of_camera(side)
+            again = source.look_again(mine, cameras[side])
+            if again is not mine:
+                more[side] = again
+        if not more:
+            return found
+        views = tuple(v for side in SIDES for v in more.get(side, found.of_camera(side)).views)
+        return replace(found, views=views)
+
+
+def _of_side(found: Observations, side: str, moments: Mapping[Path, str]) -> Observations:
+    """One camera's views under its name and their moments."""
+    by_file = {str(file): moment for file, moment in moments.items()}
+    size = next(iter(found.image_sizes.values()))
+    views = tuple(replace(v, camera=side, moment=by_file.get(v.file or "", v.id)) for v in found.views)
+    missed = tuple(replace(m, camera=side) for m in found.missed)
+    return replace(found, views=views, image_sizes={side: size}, missed=missed)
+
+
+def _of_two(found: Observations, file: Path) -> Observations:
+    """Raises: InputError for points of other than two cameras."""
+    if len(found.image_sizes) != 2:
+        named = ", ".join(found.image_sizes)
+        raise InputError(
+            f"{file} holds points of {len(found.image_sizes)} cameras ({named}), a stereo pair has two; give --left "
+            "and --right, or a result of calibrant stereo"
+        )
+    return found
+
+
+def pictures_of(
+    *,
+    left: Sequence[str],
+    right: Sequence[str],
+    targets: Mapping[str, str],
+    observations: Path | None,
+    rule: str,
+    search: PairSearchOptions,
+    corners: CornerOptions,
+    listener: Listener,
+) -> StereoPictures:
+    """What the options say. Raises: InputError for options that contradict each other, or a side without images."""
+    exclude = split_names(search.exclude)
+    mirrored = tuple(side for side, asked in zip(SIDES, (search.mirror_left, search.mirror_right)) if asked)
+    if observations is not None:
+        if left or right:
+            raise InputError("give --left and --right, or --observations FILE, not both")
+        if mirrored:
+            raise InputError(f"--mirror-{mirrored[0]} flips images; the points in --observations are taken as they are")
+        return StereoPictures({}, observations, rule, (), exclude)
+    images = dict(zip(SIDES, (tuple(left), tuple(right))))
+    for side, given in images.items():
+        if not given:
+            raise InputError(f"no images of the {side} camera were given: --{side} IMAGES, or --observations FILE")
+    sources = {
+        side: Source(
+            images=images[side],
+            target=targets.get(side),
+            search=SearchOptions(mirror_x=side in mirrored, workers=search.workers, cache=search.cache),
+            refinement=corners.refinement(),
+            listener=listener,
+        )
+        for side in SIDES
+    }
+    return StereoPictures(sources, None, rule, mirrored, exclude)

@@ -36,14 +36,18 @@ class Files:
     """The camera of the photos, as a result file."""
 
 
+def camera_of_photos() -> Camera:
+    """The camera of the photos."""
+    terms = {"fx": 430.0, "fy": 428.0, "cx": 241.0, "cy": 178.0, "k1": -0.1}
+    return Camera.create("brown", terms, image_size=(480, 360))
+
+
 def make_files(folder: Path) -> Files:
     """Photos NN.png and poses.csv in the folder."""
     images = folder / "images"
     images.mkdir()
     rng = np.random.default_rng(7)
-    camera = Camera.create(
-        "brown", {"fx": 430.0, "fy": 428.0, "cx": 241.0, "cy": 178.0, "k1": -0.1}, image_size=(480, 360)
-    )
+    camera = camera_of_photos()
     target = parse_target(TARGET)
     T = look_at_board(camera, target.points, VIEWS, rng=rng, distance=(0.35, 0.6), tilt_deg=45)
     for i, T_camera_target in enumerate(T):
@@ -109,9 +113,24 @@ def _verify_unchanged(files: Files) -> Options:
     return {"result": files.camera, "images": [files.images / "00.png"], "target": TARGET}
 
 
+def _stereo(files: Files) -> Options:
+    """The photos, and a second camera 80 mm to the right of the first."""
+    folder = files.folder / "right"
+    folder.mkdir(exist_ok=True)
+    rng = np.random.default_rng(7)
+    target, camera = parse_target(TARGET), camera_of_photos()
+    for i, T in enumerate(look_at_board(camera, target.points, VIEWS, rng=rng, distance=(0.35, 0.6), tilt_deg=45)):
+        moved = T.copy()
+        moved[0, 3] -= 0.08
+        image = render(target.artwork(), camera, moved, rng=rng, look=Look(clutter=0, noise_grey=2.0))
+        cv2.imwrite(str(folder / f"{i:02d}.png"), image)
+    return {"left": [files.images], "right": [folder], "target": [TARGET], "fix": ["k3"]}
+
+
 CASES: Mapping[str, Callable[[Files], Options]] = {
     "detect": _detect,
     "intrinsics": _intrinsics,
+    "stereo": _stereo,
     "hand-eye": _hand_eye,
     "doctor": _doctor,
     "pose": _pose,

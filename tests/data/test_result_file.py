@@ -33,6 +33,7 @@ from calibrant.data.details import (
     BentTarget,
     Changes,
     Deviations,
+    EpipolarErrors,
     Expectation,
     Fault,
     Faults,
@@ -43,6 +44,7 @@ from calibrant.data.details import (
     MarkedPoints,
     ModelCandidate,
     ModelChoice,
+    PairErrors,
     PhotoShift,
     PictureRegion,
     PlannedPose,
@@ -53,7 +55,10 @@ from calibrant.data.details import (
     RobotParameters,
     RollingShutter,
     SharedErrors,
+    StereoCovariance,
+    StereoGeometry,
     TouchedPoint,
+    TriangulatedEdges,
     ViewDeviation,
     ViewMotion,
     ViewPlan,
@@ -61,6 +66,8 @@ from calibrant.data.details import (
 from calibrant.data.result_file import read_observations, read_result, write_observations, write_result
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
+
+TURNED = ((1 / 3, 0.1, 0.2), (0.3, 1 / 7, 0.5), (0.0, 0.0, 1.0))
 
 
 def details() -> tuple[object, ...]:
@@ -110,6 +117,12 @@ def details() -> tuple[object, ...]:
         ),
         ReferencePicture("then.png", (640, 480), "aGVsbG8="),
         PointedSpot("m", (1e-6, 1 / 3e7, 2e-6), {"left": (1 / 3, 2.0), "right": (3.0, 4.5)}),
+        StereoGeometry("left", "right", TURNED, (1 / 3, 0.0, -0.1), TURNED, TURNED),
+        EpipolarErrors(
+            1 / 3, 0.0, 0.7, 0.2, {"0": PairErrors("l0", "r0", 1 / 3, 0.0, 0.7, (3, 17), (1 / 7, 0.0), (0.7, 1 / 3))}
+        ),
+        TriangulatedEdges(12, 1 / 3, -0.01, 25.0),
+        StereoCovariance(("left fx", "rotation x"), ((1 / 3, 0.1), (0.1, 1e-9))),
     )
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from calibrant.errors import InputError
 from calibrant.tasks.inputs.by_side import SIDES
 from calibrant.tasks.inputs.image_pairs import ImagePairs, paired_images
+from calibrant.tasks.inputs.shared_photos import refuse_shared_photos
 from calibrant.tasks.inputs.sources import Source, kept
 from calibrant.tasks.listener import Listener
 from calibrant.tasks.options.images import CornerOptions, PairSearchOptions, SearchOptions
@@ -35,7 +36,9 @@ class StereoPictures:
     @cached_property
     def every_file(self) -> dict[str, list[Path]]:
         """All images of each side. Raises: InputError as `Source.files`."""
-        return {side: source.files() for side, source in self.sources.items()}
+        files = {side: source.files() for side, source in self.sources.items()}
+        refuse_shared_photos(files, option=lambda side: f"--{side}")
+        return files
 
     @cached_property
     def found(self) -> ImagePairs | None:

@@ -3,7 +3,6 @@ them."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from calibrant.errors import InputError, RefusedError, causes
 from calibrant.tasks.inputs import session
+from calibrant.tasks.inputs.shared_photos import refuse_shared_photos
 from calibrant.tasks.robots import hand_eye_list
 from calibrant.tasks.robots.hand_eye_list import ListRequest, PairedData
 from calibrant.tasks.robots.hand_eye_names import Names
@@ -104,24 +104,11 @@ def _refuse_shared_photos(names: Names, common: ListRequest) -> None:
     before anything is searched."""
     if len({camera for camera, _ in names.images}) < 2:
         return
-    files = {
-        (camera, robot): replace(common, images=tuple(given), target=names.target_of(camera)).source.files()
-        for (camera, robot), given in names.images.items()
-    }
-    sizes = Counter(f.stat().st_size for listed in files.values() for f in listed)
-    owner: dict[str, tuple[str, Path]] = {}
-    for (camera, _), listed in files.items():
-        # Files of a size of their own are copies of none.
-        for record in session.file_records(f for f in listed if sizes[f.stat().st_size] > 1):
-            first, file = owner.setdefault(record["sha256"], (camera, Path(record["file"])))
-            if first != camera:
-                same = file.resolve() == Path(record["file"]).resolve()
-                found = (
-                    f"{file} is a photo of {first} and of {camera}"
-                    if same
-                    else f"{file} of {first} and {record['file']} of {camera} are one photo, byte by byte"
-                )
-                raise InputError(f"--images: {found}; each camera has photos of its own: give {camera} another folder")
+    files: dict[str, list[Path]] = {}
+    for (camera, _), given in names.images.items():
+        source = replace(common, images=tuple(given), target=names.target_of(camera)).source
+        files[camera] = [*files.get(camera, []), *source.files()]
+    refuse_shared_photos(files, option=lambda camera: "--images")
 
 
 def alone_request(names: Names, common: ListRequest, camera: str, robot: str, poses_of: str) -> ListRequest:

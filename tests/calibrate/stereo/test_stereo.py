@@ -1,0 +1,178 @@
+"""Stereo: the rig's digits, exact on exact data, epipolar errors that are distances, sides that are told apart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+import calibrant as cb
+from calibrant.calibrate.stereo.depth import point_certainty
+from calibrant.calibrate.stereo.edges import neighbours
+from calibrant.calibrate.stereo.pairs import epipolar_errors, fundamental, seen_by_both
+from calibrant.cameras import Camera
+from calibrant.data import CalibrationResult, Observations
+from calibrant.data.details import EpipolarErrors, StereoCovariance, StereoGeometry, TriangulatedEdges
+from calibrant.errors import InputError
+from calibrant.geometry import se3
+from calibrant.simulate.scenes import grid
+from calibrant.simulate.stereo import StereoScene, stereo_scene
+
+
+@pytest.fixture(scope="module")
+def scene() -> StereoScene:
+    return stereo_scene(3)
+
+
+@pytest.fixture(scope="module")
+def result(scene: StereoScene) -> CalibrationResult:
+    return cb.calibrate_stereo(scene.observations)
+
+
+def test_the_digits_are_those_of_the_rig(scene: StereoScene, result: CalibrationResult) -> None:
+    rig = cb.calibrate_rig(scene.observations)
+    assert (result.kind, rig.kind) == ("stereo", "rig")
+    for mine, theirs in zip(result.transforms, rig.transforms, strict=True):
+        np.testing.assert_array_equal(mine.matrix, theirs.matrix)
+        np.testing.assert_array_equal(mine.covariance, theirs.covariance)
+    for name, camera in rig.cameras.items():
+        np.testing.assert_array_equal(result.cameras[name].values, camera.values)
+        np.testing.assert_array_equal(result.cameras[name].covariance, camera.covariance)
+
+
+def test_exact_points_give_the_exact_pair() -> None:
+    scene = stereo_scene(1, sigma_px=(0.0, 0.0))
+    found = cb.calibrate_stereo(scene.observations)
+    np.testing.assert_allclose(found.transform("left", "right").matrix, scene.T_left_right, atol=1e-7)
+    for side, camera in scene.cameras.items():
+        np.testing.assert_allclose(found.cameras[side].values, camera.values, atol=1e-3, rtol=1e-6)
+    assert found.rms_px == pytest.approx(0, abs=1e-6)
+    assert found.figures["epipolar RMS"].value == pytest.approx(0, abs=1e-5)
+    assert found.figures["edge RMS"].value == pytest.approx(0, abs=1e-4)
+    baseline = 1e3 * float(np.linalg.norm(scene.T_left_right[:3, 3]))
+    assert found.figures["baseline"].value == pytest.approx(baseline, abs=1e-4)
+
+
+def test_opencvs_words_for_the_pair(result: CalibrationResult) -> None:
+    """X_right = R X_left + t; E and F vanish on what both see."""
+    pair = result.detail(StereoGeometry)
+    assert pair is not None
+    T = se3.inverse(result.transform("left", "right").matrix)
+    np.testing.assert_allclose(pair.R, T[:3, :3], atol=1e-15)
+    np.testing.assert_allclose(pair.t_m, T[:3, 3], atol=1e-15)
+    p = np.array([[0.05, -0.02, 0.7], [-0.1, 0.08, 1.3]])
+    a, b = p / p[:, 2:], se3.apply(T, p) / se3.apply(T, p)[:, 2:]
+    np.testing.assert_allclose(np.einsum("ni,ij,nj->n", b, np.array(pair.E), a), 0, atol=1e-15)
+    u, v = a @ result.cameras["left"].K.T, b @ result.cameras["right"].K.T
+    np.testing.assert_allclose(np.einsum("ni,ij,nj->n", v, np.array(pair.F), u), 0, atol=1e-12)
+
+
+def test_an_epipolar_error_is_a_distance_in_undistorted_pixels(scene: StereoScene) -> None:
+    """A pinhole pair of parallel axes: lines are rows, so that a shift of rows is the error, in both images."""
+    K = {"fx": 500.0, "fy": 500.0, "cx": 320.0, "cy": 240.0}
+    eye = Camera.create("pinhole", K, image_size=(640, 480))
+    T = se3.make(np.eye(3), [0.1, 0, 0])
+    points = se3.apply(se3.make(np.eye(3), [0, 0, 0.8]), grid(4, 3, 0.05))
+    views = [
+        cb.View(side, points, eye.project(se3.apply(M, points)) + np.array([0, row]), np.arange(12), side, moment="0")
+        for side, M, row in (("left", np.eye(4), 0.0), ("right", se3.inverse(T), 0.7))
+    ]
+    pairs = seen_by_both(views[:1], views[1:])
+    found = epipolar_errors(pairs, eye, eye, T, sigma_px=(0.3, 0.4))
+    assert found is not None
+    np.testing.assert_allclose(found.pairs["0"].left_px, 0.7, atol=1e-9)
+    np.testing.assert_allclose(found.pairs["0"].right_px, 0.7, atol=1e-9)
+    assert (found.rms_px, found.min_px, found.max_px) == pytest.approx((0.7, 0.7, 0.7))
+    assert found.expected_px == pytest.approx(0.5)
+    assert fundamental(eye, eye, T)[1, 2] == pytest.approx(-fundamental(eye, eye, T)[2, 1])
+
+
+def test_the_noise_of_both_images_makes_the_epipolar_errors(result: CalibrationResult) -> None:
+    found = result.detail(EpipolarErrors)
+    assert found is not None
+    # Lines of like scale: the distance has the noise of both; the right image is 0.8 times the left's scale.
+    assert found.rms_px == pytest.approx(found.expected_px, rel=0.15)
+    assert result.check("epipolar").status == "ok"
+    assert 0 <= found.min_px < found.rms_px < found.max_px
+
+
+def test_the_covariance_of_all_holds_that_of_each(result: CalibrationResult) -> None:
+    found = result.detail(StereoCovariance)
+    assert found is not None
+    C = np.array(found.matrix)
+    assert len(found.names) == 9 + 9 + 6
+    np.testing.assert_allclose(C[:9, :9], result.cameras["left"].covariance, rtol=1e-9, atol=1e-18)
+    np.testing.assert_allclose(C[9:18, 9:18], result.cameras["right"].covariance, rtol=1e-9, atol=1e-18)
+    np.testing.assert_allclose(C[18:, 18:], result.transform("left", "right").covariance, rtol=1e-9, atol=1e-18)
+    assert np.linalg.eigvalsh(C).min() > -1e-12
+
+
+def test_a_points_certainty_against_differences(scene: StereoScene) -> None:
+    """One sigma of one parameter at a time: the triangulated point moves by what the covariance says."""
+    left, right = scene.cameras.values()
+    T = scene.T_left_right
+    p = np.array([[0.05, 0.03, 0.8]])
+    uv = left.project(p), right.project(se3.apply(se3.inverse(T), p))
+    lens = [1e-3] * 4 + [1e-4, 1e-3, 1e-5, 1e-5, 1e-2]
+    steps = np.array([*lens, *lens] + [1e-6] * 6)
+
+    def at(k: int, sign: float) -> np.ndarray:
+        d = np.zeros(24)
+        d[k] = sign * steps[k]
+        a, b = replace(left, values=left.values + d[:9]), replace(right, values=right.values + d[9:18])
+        T_right = se3.inverse(se3.retract(T, d[18:]))
+
+        def residuals(x: np.ndarray) -> np.ndarray:
+            return np.concatenate([a.project(x) - uv[0][0], b.project(se3.apply(T_right, x)) - uv[1][0]])
+
+        return least_squares(residuals, p[0], xtol=1e-15, ftol=1e-15, gtol=1e-15, x_scale=1e-3).x
+
+    for k in range(24):
+        moved = 0.5 * (at(k, 1) - at(k, -1))
+        C = np.zeros((24, 24))
+        C[k, k] = steps[k] ** 2
+        found = point_certainty(left, right, T, p, covariance=C, sigma_px=(0.1, 0.1)).calibration[0]
+        np.testing.assert_allclose(found, np.outer(moved, moved), rtol=1e-3, atol=1e-3 * np.trace(found))
+
+
+def test_edges_are_nearest_neighbours() -> None:
+    assert len(neighbours(grid(9, 6, 0.025))) == 9 * 5 + 8 * 6
+    assert len(neighbours(grid(1, 1, 0.025))) == 0
+
+
+def test_swapped_sides_are_said(scene: StereoScene) -> None:
+    """Named the other way round, the baseline points to the left."""
+    other = {"left": "right", "right": "left"}
+    views = tuple(replace(v, camera=other[v.camera]) for v in scene.observations.views)
+    sizes = {other[name]: size for name, size in scene.observations.image_sizes.items()}
+    swapped = Observations(views, {name: sizes[name] for name in ("left", "right")})
+    check = cb.calibrate_stereo(swapped).check("sides")
+    assert check.status == "warn"
+    assert "swapped" in check.message
+    assert cb.calibrate_stereo(scene.observations).check("sides").status == "ok"
+
+
+def test_a_board_that_one_camera_misses_counts_for_the_other(scene: StereoScene) -> None:
+    views = tuple(v for v in scene.observations.views if not (v.camera == "right" and v.moment in ("03", "07")))
+    found = cb.calibrate_stereo(replace(scene.observations, views=views))
+    message = found.check("pairs").message
+    assert "12 pairs used" in message
+    assert "left alone saw the board in left03, left07" in message
+    assert sum(v.used for v in found.views) == len(views)
+
+
+def test_three_cameras_are_a_rig(scene: StereoScene) -> None:
+    sizes = {**scene.observations.image_sizes, "third": (640, 480)}
+    with pytest.raises(InputError, match="takes two cameras, the observations have 3"):
+        cb.calibrate_stereo(replace(scene.observations, image_sizes=sizes))
+
+
+def test_edges_are_as_good_as_noise_lets_them(result: CalibrationResult) -> None:
+    found = result.detail(TriangulatedEdges)
+    assert found is not None
+    assert found.length_mm == pytest.approx(25)
+    # A tenth of a pixel at 0.7 m and 0.12 m apart is half a millimetre in depth, along the tilted edge less of it.
+    assert 0.01 < found.rms_mm < 1.0
+    assert abs(found.mean_mm) < found.rms_mm

@@ -55,7 +55,6 @@ from calibrant.data.details import (
     RobotParameters,
     RollingShutter,
     SharedErrors,
-    StereoCovariance,
     StereoGeometry,
     TouchedPoint,
     TriangulatedEdges,
@@ -122,7 +121,6 @@ def details() -> tuple[object, ...]:
             1 / 3, 0.0, 0.7, 0.2, {"0": PairErrors("l0", "r0", 1 / 3, 0.0, 0.7, (3, 17), (1 / 7, 0.0), (0.7, 1 / 3))}
         ),
         TriangulatedEdges(12, 1 / 3, -0.01, 25.0),
-        StereoCovariance(("left fx", "rotation x"), ((1 / 3, 0.1), (0.1, 1e-9))),
     )
 
 

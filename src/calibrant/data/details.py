@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 
 from calibrant.data.details_stereo import EpipolarErrors as EpipolarErrors
 from calibrant.data.details_stereo import PairErrors as PairErrors
-from calibrant.data.details_stereo import StereoCovariance as StereoCovariance
 from calibrant.data.details_stereo import StereoGeometry as StereoGeometry
 from calibrant.data.details_stereo import TriangulatedEdges as TriangulatedEdges
 
@@ -336,6 +335,5 @@ DETAILS: Mapping[str, type] = {
     "stereo": StereoGeometry,
     "epipolar": EpipolarErrors,
     "edges": TriangulatedEdges,
-    "stereo_covariance": StereoCovariance,
 }
 """The key of each record in a result file."""

@@ -62,15 +62,3 @@ class TriangulatedEdges:
     rms_mm: float
     mean_mm: float
     length_mm: float
-
-
-@dataclass(frozen=True)
-class StereoCovariance:
-    """Covariance of all that a triangulated point rests on: both lenses and T_left_right together.
-
-    names: "left fx" … in the order of each model's parameters, then "rotation x" … "translation z" as in
-    `TransformEstimate.covariance` (about and along the left camera's axes). matrix: pixels, radians, metres.
-    """
-
-    names: tuple[str, ...]
-    matrix: tuple[tuple[float, ...], ...]

@@ -14,7 +14,7 @@ from calibrant.calibrate.stereo.edges import neighbours
 from calibrant.calibrate.stereo.pairs import epipolar_errors, fundamental, seen_by_both
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Observations
-from calibrant.data.details import EpipolarErrors, StereoCovariance, StereoGeometry, TriangulatedEdges
+from calibrant.data.details import EpipolarErrors, StereoGeometry, TriangulatedEdges
 from calibrant.errors import InputError
 from calibrant.geometry import se3
 from calibrant.simulate.scenes import grid
@@ -98,17 +98,6 @@ def test_the_noise_of_both_images_makes_the_epipolar_errors(result: CalibrationR
     assert 0 <= found.min_px < found.rms_px < found.max_px
 
 
-def test_the_covariance_of_all_holds_that_of_each(result: CalibrationResult) -> None:
-    found = result.detail(StereoCovariance)
-    assert found is not None
-    C = np.array(found.matrix)
-    assert len(found.names) == 9 + 9 + 6
-    np.testing.assert_allclose(C[:9, :9], result.cameras["left"].covariance, rtol=1e-9, atol=1e-18)
-    np.testing.assert_allclose(C[9:18, 9:18], result.cameras["right"].covariance, rtol=1e-9, atol=1e-18)
-    np.testing.assert_allclose(C[18:, 18:], result.transform("left", "right").covariance, rtol=1e-9, atol=1e-18)
-    assert np.linalg.eigvalsh(C).min() > -1e-12
-
-
 def test_a_points_certainty_against_differences(scene: StereoScene) -> None:
     """One sigma of one parameter at a time: the triangulated point moves by what the covariance says."""
     left, right = scene.cameras.values()
@@ -116,13 +105,13 @@ def test_a_points_certainty_against_differences(scene: StereoScene) -> None:
     p = np.array([[0.05, 0.03, 0.8]])
     uv = left.project(p), right.project(se3.apply(se3.inverse(T), p))
     lens = [1e-3] * 4 + [1e-4, 1e-3, 1e-5, 1e-5, 1e-2]
-    steps = np.array([*lens, *lens] + [1e-6] * 6)
+    steps = np.array([1e-6] * 6 + [*lens, *lens])
 
     def at(k: int, sign: float) -> np.ndarray:
         d = np.zeros(24)
         d[k] = sign * steps[k]
-        a, b = replace(left, values=left.values + d[:9]), replace(right, values=right.values + d[9:18])
-        T_right = se3.inverse(se3.retract(T, d[18:]))
+        a, b = replace(left, values=left.values + d[6:15]), replace(right, values=right.values + d[15:])
+        T_right = se3.inverse(se3.retract(T, d[:6]))
 
         def residuals(x: np.ndarray) -> np.ndarray:
             return np.concatenate([a.project(x) - uv[0][0], b.project(se3.apply(T_right, x)) - uv[1][0]])

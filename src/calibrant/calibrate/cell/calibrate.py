@@ -43,12 +43,7 @@ from calibrant.calibrate.cell.problem.views import (
     unsharp_views,
 )
 from calibrant.calibrate.cell.refine import refined
-from calibrant.calibrate.cell.result import (
-    along_with_lenses,
-    cell_result,
-    solution_with_lenses,
-    with_images_judged,
-)
+from calibrant.calibrate.cell.result import along_with_lenses, cell_result, with_images_judged
 from calibrant.calibrate.cell.sizes import Sizes, target_sizes, with_lens_free, with_size_free
 from calibrant.calibrate.cell.starts.cell import CellStart, cell_start
 from calibrant.calibrate.review.review import review
@@ -59,7 +54,6 @@ from calibrant.data.verdicts import refuse_if_failed, stamp
 from calibrant.errors import InputError, RefusedError, causes
 from calibrant.expected import expect
 from calibrant.optimize.noise import NoiseEstimate
-from calibrant.optimize.solution import Solution
 
 if TYPE_CHECKING:
     from calibrant.calibrate.cell.photos import Photographed
@@ -140,31 +134,21 @@ calibrate_several = calibrate_cell
 """Another name of it."""
 
 
-@dataclass(frozen=True, eq=False)
-class ReviewedCell:
-    """A cell's reviewed result, and the solution that it rests on, with all that was added to its covariance."""
-
-    result: CalibrationResult
-    solution: Solution
-
-
 def judged_cell(fit: CellFit, asked: Mapping[str, object]) -> CalibrationResult:
     """The result of a fit, stamped. Raises: RefusedError, which holds the result, where a check failed."""
-    result = reviewed_cell(fit, asked).result
+    result = reviewed_cell(fit, asked)
     refuse_if_failed(result)
     return result
 
 
-def reviewed_cell(fit: CellFit, asked: Mapping[str, object]) -> ReviewedCell:
+def reviewed_cell(fit: CellFit, asked: Mapping[str, object]) -> CalibrationResult:
     """The result of a fit, stamped, whatever its checks say: for who has more to ask of it."""
     with _by_its_cause(fit.start):
         found = cell_result(
             fit.cell, fit.start, fit.noise, fit.sizes, fit.certainty, fit.left_out, fit.numbering, asked
         )
-        seen = review(found)
-        solution = solution_with_lenses(seen, found, fit.noise.solution)
-        reviewed = along_with_lenses(seen, fit.cell, fit.noise.solution, solution)
-        return ReviewedCell(stamp(with_images_judged(reviewed, fit.cell, fit.noise, fit.sizes)), solution)
+        reviewed = along_with_lenses(review(found), found, fit.cell, fit.noise.solution)
+        return stamp(with_images_judged(reviewed, fit.cell, fit.noise, fit.sizes))
 
 
 def fit_cell(

@@ -89,8 +89,10 @@ def cell_result(
     )
 
 
-def solution_with_lenses(reviewed: CalibrationResult, found: CalibrationResult, solution: Solution) -> Solution:
-    """The solution with what the review added to the lenses in its covariance; itself where it added nothing.
+def along_with_lenses(
+    reviewed: CalibrationResult, found: CalibrationResult, cell: Cell, solution: Solution
+) -> CalibrationResult:
+    """The reviewed result, whose transforms hold what the review added to the lenses that they rest on.
 
     An error of the lens moves all else along, as the fit has it: C + K (C_reviewed - C_found) K^T, K = C_xl C_ll^-1.
     found: the result of the solution, before its review.
@@ -101,17 +103,8 @@ def solution_with_lenses(reviewed: CalibrationResult, found: CalibrationResult, 
         if camera.covariance is not None and before is not None and camera.covariance is not before:
             beside = beside + along_with(solution, lens_variable(name), camera.covariance - before)
     if not np.any(beside):
-        return solution
-    return replace(solution, beside=beside if solution.beside is None else solution.beside + beside)
-
-
-def along_with_lenses(reviewed: CalibrationResult, cell: Cell, solution: Solution, held: Solution) -> CalibrationResult:
-    """The reviewed result, whose transforms hold what the review added to the lenses that they rest on.
-
-    held: the solution with that in its covariance (`solution_with_lenses`).
-    """
-    if held is solution:
         return reviewed
+    held = replace(solution, beside=beside if solution.beside is None else solution.beside + beside)
     transforms = _transforms(cell, held)
     said = {c.name: c for c in _position_checks(cell, transforms)}
     return replace(

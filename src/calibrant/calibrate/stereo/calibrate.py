@@ -12,26 +12,23 @@ from dataclasses import replace
 import numpy as np
 
 from calibrant.arrays import Array
-from calibrant.calibrate.cell.calibrate import CellFit, ReviewedCell, reviewed_cell
+from calibrant.calibrate.cell.calibrate import CellFit, reviewed_cell
 from calibrant.calibrate.cell.lens_choice import MODEL, FixForEach, ForEach
-from calibrant.calibrate.cell.problem.groups import lens_variable, pixel_group
-from calibrant.calibrate.cell.problem.layout import variable
+from calibrant.calibrate.cell.problem.groups import pixel_group
 from calibrant.calibrate.cell.rig import asked_of_rig, fit_rig
 from calibrant.calibrate.stereo import checks as questions
 from calibrant.calibrate.stereo.depth import point_certainty
 from calibrant.calibrate.stereo.edges import triangulated_edges
 from calibrant.calibrate.stereo.pairs import Seen, epipolar_errors, fundamental, seen_by_both, triangulated
 from calibrant.cameras import Camera
-from calibrant.data import CalibrationResult, Measured, Observations, TransformEstimate, verdict_of
-from calibrant.data.details import EpipolarErrors, StereoCovariance, StereoGeometry, TriangulatedEdges
+from calibrant.data import CalibrationResult, JointCovariance, Measured, Observations, TransformEstimate, verdict_of
+from calibrant.data.details import EpipolarErrors, StereoGeometry, TriangulatedEdges
 from calibrant.data.details_stereo import Matrix, Row
 from calibrant.data.verdicts import refuse_if_failed
 from calibrant.errors import InputError
 from calibrant.expected import expect
 from calibrant.geometry import se3
 from calibrant.geometry.projective import essential_from_transform
-
-_PLACE = ("rotation x", "rotation y", "rotation z", "translation x", "translation y", "translation z")
 
 
 def calibrate_stereo(
@@ -47,7 +44,7 @@ def calibrate_stereo(
     Arguments, fit and digits are those of `calibrate_rig`: cameras known (held within their covariance), guessed
     (initial) or free, each by its name; views of one `moment` were taken at once. Returns a result of kind "stereo":
     T_left_right (coordinates of the right camera into the left one), `StereoGeometry` with OpenCV's R, t, E and F,
-    `EpipolarErrors`, `TriangulatedEdges`, `StereoCovariance`; figures "baseline" (mm), "epipolar RMS" (px), "edge RMS"
+    `EpipolarErrors`, `TriangulatedEdges`; figures "baseline" (mm), "epipolar RMS" (px), "edge RMS"
     (mm) and "depth" (mm, of a point amid the boards, with the sigma that the calibration leaves in it).
     Raises: InputError for unusable input; RefusedError when the cameras share no moments or cannot be determined.
 
@@ -71,9 +68,8 @@ def calibrate_stereo(
     return result
 
 
-def stereo_result(fit: CellFit, found: ReviewedCell) -> CalibrationResult:
+def stereo_result(fit: CellFit, rig: CalibrationResult) -> CalibrationResult:
     """The result of a rig of two, as one of kind "stereo"."""
-    rig = found.result
     left, right = fit.cell.layout.cameras
     T = rig.transform(left, right)
     eyes = rig.cameras[left], rig.cameras[right]
@@ -81,8 +77,7 @@ def stereo_result(fit: CellFit, found: ReviewedCell) -> CalibrationResult:
     pairs = seen_by_both(fit.cell.used_views(0), fit.cell.used_views(1))
     errors = epipolar_errors(pairs, *eyes, T.matrix, sigma_px=sigma)
     edges = triangulated_edges(pairs, *eyes, T.matrix)
-    covariance = _covariance(found, left, right)
-    records = [_geometry(left, right, *eyes, T.matrix), errors, edges, covariance]
+    records = [_geometry(left, right, *eyes, T.matrix), errors, edges]
     asked = (
         questions.sides_check(left, right, T),
         questions.pairs_check(rig.observations, left, right, pairs),
@@ -94,17 +89,13 @@ def stereo_result(fit: CellFit, found: ReviewedCell) -> CalibrationResult:
         kind="stereo",
         checks=checks,
         verdict=verdict_of(checks),
-        figures={**rig.figures, **_figures(T, errors, edges), **_depth(pairs, eyes, T.matrix, covariance, sigma)},
+        figures={
+            **rig.figures,
+            **_figures(T, errors, edges),
+            **_depth(pairs, eyes, T.matrix, rig.joint_covariance, sigma),
+        },
         details=(*rig.details, *(r for r in records if r is not None)),
     )
-
-
-def _covariance(found: ReviewedCell, left: str, right: str) -> StereoCovariance:
-    solution, cameras = found.solution, found.result.cameras
-    asked = [(lens_variable(left), 0), (lens_variable(right), 0), (variable((left, right)), 0)]
-    C = solution.joint_covariance(asked)
-    names = [f"{c} {n}" for c in (left, right) for n in cameras[c].model.parameter_names]
-    return StereoCovariance((*names, *_PLACE), tuple(tuple(row) for row in C.tolist()))
 
 
 def _geometry(left: str, right: str, a: Camera, b: Camera, T_left_right: Array) -> StereoGeometry:
@@ -143,13 +134,13 @@ def _depth(
     pairs: list[Seen],
     eyes: tuple[Camera, Camera],
     T_left_right: Array,
-    covariance: StereoCovariance,
+    joint: JointCovariance | None,
     sigma_px: tuple[float, float],
 ) -> dict[str, Measured]:
     """Depth of a point amid what was seen, with the sigma that the calibration leaves in it, and that of one match."""
-    if not pairs:
+    if not pairs or joint is None:
         return {}
     p = np.median([np.median(triangulated(pair, *eyes, T_left_right), axis=0) for pair in pairs], axis=0)
-    found = point_certainty(*eyes, T_left_right, p, covariance=np.array(covariance.matrix), sigma_px=sigma_px)
+    found = point_certainty(*eyes, T_left_right, p, covariance=joint.whole, sigma_px=sigma_px)
     by_all, by_match = (1e3 * float(np.sqrt(C[0, 2, 2])) for C in (found.calibration, found.matching))
     return {"depth": Measured(1e3 * float(p[2]), by_all, "mm"), "depth noise of a match": Measured(by_match, unit="mm")}

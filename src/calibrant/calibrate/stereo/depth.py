@@ -43,7 +43,8 @@ def point_certainty(
 ) -> PointCertainty:
     """Of points (n, 3) that both see, left camera's frame, metres.
 
-    covariance (k, k): of the left lens, the right lens and T_left_right (`StereoCovariance`); sigma_px: of a match, per
+    covariance (k, k): of T_left_right, the left lens and the right one (`JointCovariance.whole`); zero for
+    what is exact. sigma_px: of a match, per
     axis, in each image.
     """
     p = np.asarray(points, dtype=np.float64).reshape(-1, 3)
@@ -59,8 +60,8 @@ def point_certainty(
     A = np.linalg.inv(weighted @ J)
     a, b = by_left.shape[2], by_right.shape[2]
     by_all = np.zeros((len(p), 4, a + b + 6))
-    by_all[:, :2, :a] = by_left
-    by_all[:, 2:, a : a + b] = by_right
-    by_all[:, 2:, a + b :] = by_place
+    by_all[:, 2:, :6] = by_place
+    by_all[:, :2, 6 : 6 + a] = by_left
+    by_all[:, 2:, 6 + a :] = by_right
     D = A @ weighted @ by_all
     return PointCertainty(D @ covariance @ np.swapaxes(D, 1, 2), A)

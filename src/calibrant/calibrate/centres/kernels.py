@@ -1,6 +1,7 @@
 """Compiled centres of transforms and distances from them; `geometry.so3` and `se3` hold the readable forms, its test.
 
-A hand-eye asks some sixty times how well twenty loops agree: NumPy's calls cost ten times the arithmetic.
+A hand-eye asks some sixty times how well twenty loops agree: NumPy's calls cost ten times the arithmetic. Every kernel
+takes two milliseconds of a process to load, so that one does all of it.
 """
 
 from __future__ import annotations
@@ -11,34 +12,26 @@ from numba import types
 from calibrant.compiled import compiled, compiled_part
 
 _transforms = types.Array(types.float64, 3, "C", readonly=True)
-_constant = types.Array(types.float64, 2, "C", readonly=True)
-_transform = types.float64[:, ::1]
-_numbers = types.float64[::1]
+_f2 = types.float64[:, ::1]
 
 
-@compiled_part(types.UniTuple(types.float64, 3)(_transforms, types.intp, types.intp, _constant))
-def _row(T, i, r, centre):  # type: ignore[no-untyped-def]
-    """Row r of R_i R_centre^T."""
-    a, b, c = T[i, r, 0], T[i, r, 1], T[i, r, 2]
-    return (
-        a * centre[0, 0] + b * centre[0, 1] + c * centre[0, 2],
-        a * centre[1, 0] + b * centre[1, 1] + c * centre[1, 2],
-        a * centre[2, 0] + b * centre[2, 1] + c * centre[2, 2],
-    )
-
-
-@compiled_part(types.UniTuple(types.float64, 3)(_transforms, types.intp, _constant))
-def _rotation_between(T, i, centre):  # type: ignore[no-untyped-def]
-    """log(R_i R_centre^T): the odd part up to 120 degrees, beyond through the quaternion, as `so3.log`."""
-    xx, xy, xz = _row(T, i, 0, centre)
-    yx, yy, yz = _row(T, i, 1, centre)
-    zx, zy, zz = _row(T, i, 2, centre)
+@compiled_part(types.UniTuple(types.float64, 3)(_transforms, types.intp, _f2))
+def _rotation_between(T, i, Z):  # type: ignore[no-untyped-def]
+    """log(R_i R_Z^T): the odd part up to 120 degrees, beyond through the quaternion, as `so3.log`."""
+    xx = T[i, 0, 0] * Z[0, 0] + T[i, 0, 1] * Z[0, 1] + T[i, 0, 2] * Z[0, 2]
+    xy = T[i, 0, 0] * Z[1, 0] + T[i, 0, 1] * Z[1, 1] + T[i, 0, 2] * Z[1, 2]
+    xz = T[i, 0, 0] * Z[2, 0] + T[i, 0, 1] * Z[2, 1] + T[i, 0, 2] * Z[2, 2]
+    yx = T[i, 1, 0] * Z[0, 0] + T[i, 1, 1] * Z[0, 1] + T[i, 1, 2] * Z[0, 2]
+    yy = T[i, 1, 0] * Z[1, 0] + T[i, 1, 1] * Z[1, 1] + T[i, 1, 2] * Z[1, 2]
+    yz = T[i, 1, 0] * Z[2, 0] + T[i, 1, 1] * Z[2, 1] + T[i, 1, 2] * Z[2, 2]
+    zx = T[i, 2, 0] * Z[0, 0] + T[i, 2, 1] * Z[0, 1] + T[i, 2, 2] * Z[0, 2]
+    zy = T[i, 2, 0] * Z[1, 0] + T[i, 2, 1] * Z[1, 1] + T[i, 2, 2] * Z[1, 2]
+    zz = T[i, 2, 0] * Z[2, 0] + T[i, 2, 1] * Z[2, 1] + T[i, 2, 2] * Z[2, 2]
     trace = xx + yy + zz
-    cosine = 0.5 * (trace - 1.0)
     x, y, z = zy - yz, xz - zx, yx - xy
-    if cosine > -0.5:
+    if trace > 0.0:
         sine = 0.5 * np.sqrt(x * x + y * y + z * z)
-        scale = 0.5 if sine < 1e-10 else 0.5 * np.arctan2(sine, cosine) / sine
+        scale = 0.5 if sine < 1e-10 else 0.5 * np.arctan2(sine, 0.5 * (trace - 1.0)) / sine
         return scale * x, scale * y, scale * z
     # Shepperd: with a trace below 0 the largest of the four is one of the diagonal.
     if xx >= yy and xx >= zz:
@@ -52,91 +45,51 @@ def _rotation_between(T, i, centre):  # type: ignore[no-untyped-def]
     return scale * x, scale * y, scale * z
 
 
-@compiled_part(types.void(_transform, types.float64, types.float64, types.float64))
-def _turn(centre, x, y, z):  # type: ignore[no-untyped-def]
-    """R <- exp((x, y, z)) R, Rodrigues' formula as in `so3.exp`."""
-    s = x * x + y * y + z * z
-    if s < 1e-8:
-        a, b = 1.0 - s / 6.0, 0.5 - s / 24.0
-    else:
-        angle = np.sqrt(s)
-        half = np.sin(0.5 * angle)
-        a, b = np.sin(angle) / angle, 2.0 * half * half / s
-    for c in range(3):
-        u, v, w = centre[0, c], centre[1, c], centre[2, c]
-        cx, cy, cz = y * w - z * v, z * u - x * w, x * v - y * u
-        centre[0, c] = u + a * cx + b * (y * cz - z * cy)
-        centre[1, c] = v + a * cy + b * (z * cx - x * cz)
-        centre[2, c] = w + a * cz + b * (x * cy - y * cx)
+@compiled(types.void(_transforms, _f2, types.boolean, _f2, _f2))
+def centre(T, Z, median, length, sums):  # type: ignore[no-untyped-def]
+    """Z (4, 4), a start, becomes the mean of T (n, 4, 4), or where the sum of distances to them is least.
 
-
-@compiled(types.void(_transforms, _transform))
-def mean_rotation(T, centre):  # type: ignore[no-untyped-def]
-    """The rotation of centre, a start, becomes the Karcher mean of those of T, as `so3.mean`; (3, 3) or (4, 4) both."""
-    n = T.shape[0]
-    for _ in range(50):
-        x, y, z = 0.0, 0.0, 0.0
-        for i in range(n):
-            u, v, w = _rotation_between(T, i, centre)
-            x, y, z = x + u, y + v, z + w
-        x, y, z = x / n, y / n, z / n
-        _turn(centre, x, y, z)
-        if np.sqrt(x * x + y * y + z * z) < 1e-14:
-            break
-
-
-@compiled_part(types.boolean(_numbers, types.float64))
-def _at_most_median(values, bound):  # type: ignore[no-untyped-def]
-    """Is `bound` at most the median? Without sorting: of an even number the two about the middle may lie around it."""
-    n = values.shape[0]
-    above, below_it, above_it = 0, 0.0, np.inf
-    for i in range(n):
-        if values[i] >= bound:
-            above += 1
-            above_it = min(above_it, values[i])
-        else:
-            below_it = max(below_it, values[i])
-    if n % 2 == 0 and above == n // 2:
-        return 0.5 * (below_it + above_it) >= bound
-    return above > n // 2
-
-
-@compiled(types.void(_transforms, _transform, _numbers, _numbers))
-def median_transform(T, centre, angles, distances):  # type: ignore[no-untyped-def]
-    """centre (4, 4), a start, moves to where the sums of angles and of distances to T (n, 4, 4) are least.
-
-    Weiszfeld's iteration: the mean of vectors weighted by 1 / length, lengths below rounding taken as rounding. It
-    settles with a thousandth of the typical length: a median of n lengths is uncertain by far more.
-    angles, distances (n,): room to work in.
+    length (2, n): angles, radians, and distances from there; sums (2, 4): room to work in. The mean is that of rotation
+    vectors (Karcher) and of places; the median weights them by 1 / length, lengths below rounding taken as rounding
+    (Weiszfeld), and settles with a thousandth of the typical length: a median of n lengths is uncertain by far more.
     """
-    for _ in range(30):  # linear convergence
-        x, y, z, of_turns = 0.0, 0.0, 0.0, 0.0
-        a, b, c, of_moves = 0.0, 0.0, 0.0, 0.0
-        for i in range(T.shape[0]):
-            u, v, w = _rotation_between(T, i, centre)
-            angles[i] = np.sqrt(u * u + v * v + w * w)
-            weight = 1.0 / max(angles[i], 1e-12)
-            x, y, z, of_turns = x + weight * u, y + weight * v, z + weight * w, of_turns + weight
-            u, v, w = T[i, 0, 3] - centre[0, 3], T[i, 1, 3] - centre[1, 3], T[i, 2, 3] - centre[2, 3]
-            distances[i] = np.sqrt(u * u + v * v + w * w)
-            weight = 1.0 / max(distances[i], 1e-12)
-            a, b, c, of_moves = a + weight * u, b + weight * v, c + weight * w, of_moves + weight
-        x, y, z = x / of_turns, y / of_turns, z / of_turns
-        a, b, c = a / of_moves, b / of_moves, c / of_moves
-        _turn(centre, x, y, z)
-        centre[0, 3] += a
-        centre[1, 3] += b
-        centre[2, 3] += c
-        turned = _at_most_median(angles, 1e3 * np.sqrt(x * x + y * y + z * z))
-        if turned and _at_most_median(distances, 1e3 * np.sqrt(a * a + b * b + c * c)):
+    n, settled = T.shape[0], False
+    for step in range(31 if median else 51):
+        for c in range(2):
+            for k in range(4):
+                sums[c, k] = 0.0
+        for i in range(n):
+            x, y, z = _rotation_between(T, i, Z)
+            for c in range(2):
+                if c == 1:
+                    x, y, z = T[i, 0, 3] - Z[0, 3], T[i, 1, 3] - Z[1, 3], T[i, 2, 3] - Z[2, 3]
+                length[c, i] = np.sqrt(x * x + y * y + z * z)
+                weight = 1.0 / max(length[c, i], 1e-12) if median else 1.0
+                sums[c, 0] += weight * x
+                sums[c, 1] += weight * y
+                sums[c, 2] += weight * z
+                sums[c, 3] += weight
+        if settled or step == (30 if median else 50):
             break
-
-
-@compiled(types.void(_transforms, _constant, _numbers, _numbers))
-def deviations(T, centre, mm, deg):  # type: ignore[no-untyped-def]
-    """Millimetres and degrees (n,) from centre (4, 4) to T (n, 4, 4), as `se3.deviation`."""
-    for i in range(T.shape[0]):
-        x, y, z = _rotation_between(T, i, centre)
-        deg[i] = np.sqrt(x * x + y * y + z * z) * 180.0 / np.pi
-        x, y, z = T[i, 0, 3] - centre[0, 3], T[i, 1, 3] - centre[1, 3], T[i, 2, 3] - centre[2, 3]
-        mm[i] = 1e3 * np.sqrt(x * x + y * y + z * z)
+        settled = True
+        for c in range(2):
+            x, y, z = sums[c, 0] / sums[c, 3], sums[c, 1] / sums[c, 3], sums[c, 2] / sums[c, 3]
+            s = x * x + y * y + z * z
+            if median:
+                shorter = 0
+                for i in range(n):
+                    shorter += 1 if length[c, i] < 1e3 * np.sqrt(s) else 0
+                settled = settled and 2 * shorter < n
+            elif c == 0:
+                settled = s < 1e-28
+            if c == 1:
+                Z[0, 3], Z[1, 3], Z[2, 3] = Z[0, 3] + x, Z[1, 3] + y, Z[2, 3] + z
+                continue
+            angle = max(np.sqrt(s), 1e-12)
+            a, b = np.sin(angle) / angle, 2.0 * np.sin(0.5 * angle) * np.sin(0.5 * angle) / (angle * angle)
+            for k in range(3):  # Rodrigues' formula
+                u, v, w = Z[0, k], Z[1, k], Z[2, k]
+                cx, cy, cz = y * w - z * v, z * u - x * w, x * v - y * u
+                Z[0, k] = u + a * cx + b * (y * cz - z * cy)
+                Z[1, k] = v + a * cy + b * (z * cx - x * cz)
+                Z[2, k] = w + a * cz + b * (x * cy - y * cx)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calibrant.arrays import Array
-from calibrant.calibrate.centres.of_transforms import deviations, mean_transform, median_transform
+from calibrant.calibrate.centres import of_transforms as centres
 from calibrant.calibrate.reprojection.outliers import median
 from calibrant.calibrate.solvers.relative import PosePairs, pose_pairs, sample
 from calibrant.errors import InputError
@@ -66,10 +66,8 @@ def loop_errors(A: ArrayLike, B: ArrayLike, X: ArrayLike) -> LoopErrors:
 
 def errors_of(pairs: PosePairs, X: ArrayLike) -> LoopErrors:
     """`loop_errors` of pairs that are checked already."""
-    Z_i = _loops(pairs, X)
-    Z = mean_transform(Z_i)
-    view_mm, view_deg = deviations(Z, Z_i)
-    return LoopErrors(_rms(view_mm), _rms(view_deg), view_mm, view_deg, Z)
+    mean = centres.mean(_loops(pairs, X))
+    return LoopErrors(_rms(mean.mm), _rms(mean.deg), mean.mm, mean.deg, mean.T)
 
 
 def loop_consistency(A: ArrayLike, B: ArrayLike, X: ArrayLike) -> LoopConsistency:
@@ -82,14 +80,12 @@ def loop_consistency(A: ArrayLike, B: ArrayLike, X: ArrayLike) -> LoopConsistenc
 
 def consistency_of(pairs: PosePairs, X: ArrayLike) -> LoopConsistency:
     """`loop_consistency` of pairs that are checked already."""
-    Z_i = _loops(pairs, X)
-    Z = median_transform(Z_i)
-    view_mm, view_deg = deviations(Z, Z_i)
-    median_mm, median_deg = median(view_mm), median(view_deg)
+    centre = centres.median(_loops(pairs, X))
+    median_mm, median_deg = median(centre.mm), median(centre.deg)
     size_mm, size_deg = _motion_size(pairs)
     turned = _ratio(median_deg, size_deg)
     score = max(_ratio(median_mm, size_mm), turned)
-    return LoopConsistency(median_mm, median_deg, view_mm, view_deg, Z, score, turned)
+    return LoopConsistency(median_mm, median_deg, centre.mm, centre.deg, centre.T, score, turned)
 
 
 @lru_cache(maxsize=4)
@@ -100,9 +96,8 @@ def _motion_size(pairs: PosePairs) -> tuple[float, float]:
     Asked for every method on the same pairs.
     """
     rows = sample(len(pairs), MOST_FOR_SIZE)
-    spread_a, spread_b = (deviations(median_transform(T), T) for T in (pairs.A[rows], pairs.B[rows]))
-    size_mm = max(median(spread_a[0]), median(spread_b[0]))
-    return size_mm, max(median(spread_a[1]), median(spread_b[1]))
+    of_A, of_B = centres.median(pairs.A[rows]), centres.median(pairs.B[rows])
+    return max(median(of_A.mm), median(of_B.mm)), max(median(of_A.deg), median(of_B.deg))
 
 
 def _loops(pairs: PosePairs, X: ArrayLike) -> Array:

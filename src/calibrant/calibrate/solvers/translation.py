@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibrant.arrays import Array
-from calibrant.calibrate.centres.of_transforms import mean_rotation
+from calibrant.calibrate.centres import of_transforms as centres
 from calibrant.calibrate.solvers.relative import PosePairs
 from calibrant.geometry import se3
 
@@ -31,5 +31,5 @@ def with_translations(pairs: PosePairs, R_X: Array, R_Z: Array) -> tuple[Array, 
 
 def separable(pairs: PosePairs, R_X: Array) -> tuple[Array, None]:
     """X (4, 4) from its rotation, and no Z: what the AX = XB methods that solve the rotation first return."""
-    R_Z = mean_rotation(pairs.A[:, :3, :3] @ R_X @ pairs.B[:, :3, :3])
+    R_Z = centres.mean(pairs.A @ se3.make(R_X, np.zeros(3)) @ pairs.B).T[:3, :3]
     return with_translations(pairs, R_X, R_Z)[0], None

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from functools import partial
 from itertools import permutations
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,8 +24,9 @@ from calibrant.diagnose.doctor.evidence.significance import CONVINCING, confiden
 from calibrant.errors import RefusedError
 from calibrant.formats.poses.columns import LENGTH_UNITS
 from calibrant.geometry import se3
-from calibrant.targets.circles import Circles
-from calibrant.targets.registry import parse_target
+
+if TYPE_CHECKING:
+    from calibrant.targets.circles import Circles
 
 MATTERS = 0.005
 """A printed board is off by up to 0.5 % (a printer's scaling, paper and humidity); more is a wrong size."""
@@ -106,7 +108,12 @@ def sized(case: Case, repaired: Case, found: Measured, p: float) -> Finding:
 def _misread(case: Case, value: float, near: float) -> tuple[str, Circles] | None:
     """Which distance of a grid of circles was given for another, and the grid that was meant."""
     spec = None if case.observations is None else case.observations.target
-    if spec is None or not spec.startswith(f"{Circles.kind}:"):
+    if spec is None:
+        return None
+    from calibrant.targets.circles import Circles  # all kinds of targets, and hardly ever asked for
+    from calibrant.targets.registry import parse_target
+
+    if not spec.startswith(f"{Circles.kind}:"):
         return None
     target = parse_target(spec)
     return target.misread(value * case.scale, within=near) if isinstance(target, Circles) else None

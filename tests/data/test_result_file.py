@@ -31,6 +31,8 @@ from calibrant.data import (
 from calibrant.data.details import (
     DETAILS,
     BentTarget,
+    CameraClock,
+    CameraClocks,
     Changes,
     Deviations,
     EpipolarErrors,
@@ -79,6 +81,9 @@ def details() -> tuple[object, ...]:
         BentTarget((0.1 + 0.2, -1.5), (1 / 3, 0.1), 0.5, -0.2, 1 / 7),
         FreeTarget(2, 0.1, 1 / 3, 0.5, 0.01, {"0": (0.1, 0.2, 1 / 7), "1": (0.0, 0.0, -0.5)}),
         ModelChoice((ModelCandidate("brown", 9, 0.1, 0.2, -1.5), ModelCandidate("tilted", 0, reason="no"))),
+        CameraClocks(
+            "a", (CameraClock("b", 0.1 + 0.2, 1 / 3), CameraClock("c", readout_ms=30.0, readout_sigma_ms=0.1))
+        ),
         SharedErrors(2.0, 1.5, 1 / 3, 1.0, {"fx": 0.1 + 0.2}),
         RollingShutter(
             480,

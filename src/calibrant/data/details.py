@@ -315,6 +315,26 @@ class ReferencePicture:
     jpeg: str
 
 
+@dataclass(frozen=True)
+class CameraClock:
+    """When a camera takes its pictures: how much later than the reference's clock their middle row is, and how long
+    after its first row the last one is, ms with 1 sigma; None for what was not asked."""
+
+    camera: str
+    offset_ms: float | None = None
+    offset_sigma_ms: float | None = None
+    readout_ms: float | None = None
+    readout_sigma_ms: float | None = None
+
+
+@dataclass(frozen=True)
+class CameraClocks:
+    """The clocks of a rig's cameras against that of the reference."""
+
+    reference: str
+    clocks: tuple[CameraClock, ...]
+
+
 DETAILS: Mapping[str, type] = {
     "robot_parameters": RobotParameters,
     "joint_axes": JointAxes,
@@ -322,6 +342,7 @@ DETAILS: Mapping[str, type] = {
     "bent_target": BentTarget,
     "free_target": FreeTarget,
     "rolling_shutter": RollingShutter,
+    "camera_clocks": CameraClocks,
     "shared_errors": SharedErrors,
     "faults": Faults,
     "deviations": Deviations,

@@ -18,6 +18,7 @@ from calibrant.calibrate.cell.boards.alike import numbered_alike
 from calibrant.calibrate.cell.certainty.accuracy import RobotAccuracy
 from calibrant.calibrate.cell.certainty.accuracy import robot_accuracy as as_accuracy
 from calibrant.calibrate.cell.certainty.whole import Certainty, certain
+from calibrant.calibrate.cell.clocks import clocks_asked, refined_with_clocks
 from calibrant.calibrate.cell.lens_choice import MODEL, FixForEach, ForEach, LensChoice, lens_choices, lenses_asked
 from calibrant.calibrate.cell.problem.camera_role import CameraRole
 from calibrant.calibrate.cell.problem.joint_offsets import JointReadings, free_joints
@@ -164,9 +165,13 @@ def fit_cell(
     reference: str = "",
     accuracies: Mapping[str, RobotAccuracy] | None = None,
     together: Collection[str] = (),
+    times: Mapping[str, float] | None = None,
+    time_offsets: bool = False,
+    readout: bool = False,
 ) -> CellFit:
     """The fit behind `calibrate_cell`; arguments and errors as there. reference: the root camera of a rig; together:
-    cameras that their own views need not determine (`LensChoice`)."""
+    cameras that their own views need not determine (`LensChoice`); times, time_offsets, readout: as `calibrate_rig` has
+    them."""
     pictures = [pictures] if isinstance(pictures, Pictures) else pictures
     expect(pictures, (list, tuple), "pictures", "a list of Pictures, one for each camera, robot and setup")
     for one in pictures:
@@ -184,7 +189,12 @@ def fit_cell(
     free = {name: free_joints(r, identify) for name, r in _readings(where, joints).items()}
     start = cell_start(where, data, {v.id: v.reason or "" for v in left_out})
     with _by_its_cause(start):
-        noise, cell = refined(Cell(where, start.data, roles, free), start.transforms, start.spread)
+        whole = Cell(where, start.data, roles, free, times or {})
+        if time_offsets or readout:
+            clocks = clocks_asked(whole, offsets=time_offsets, readout=readout)
+            noise, cell = refined_with_clocks(whole, start.transforms, start.spread, clocks)
+        else:
+            noise, cell = refined(whole, start.transforms, start.spread)
         sizes = target_sizes(cell, start.data, noise.solution)
         told = {} if where.rig else sizes.targets  # images alone have no size of their own
         freed = {target: (size, with_size_free(cell, noise.solution, target)) for target, size in told.items()}

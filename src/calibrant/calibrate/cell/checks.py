@@ -12,8 +12,10 @@ import numpy as np
 from calibrant.arrays import Array
 from calibrant.calibrate.cell.loop.image_poses import ImagePoses
 from calibrant.calibrate.cell.starts.handheld import CameraPair
+from calibrant.calibrate.intrinsics.shared_errors import SAID
 from calibrant.calibrate.solvers.motion import MotionReport
 from calibrant.data import Check, Measured, SigmaRobot, TransformEstimate, ViewResult
+from calibrant.data.details import CameraClock, CameraClocks
 from calibrant.optimize.solution import Solution
 
 if TYPE_CHECKING:
@@ -140,14 +142,58 @@ def shared_moments_check(pairs: Sequence[CameraPair]) -> Check:
     return Check("shared-moments", "warn" if few else "ok", text, float(weakest.shared))
 
 
-def rigidity_check(together: float, own: float) -> Check:
-    """Do the cameras of a rig hold still to each other? Both noise levels in pixels, over all cameras."""
+def loose_rig(together: float, own: float) -> bool:
+    """Whether a rig errs by more than its cameras by themselves."""
+    return together / own > TOGETHER_WARN
+
+
+def rigidity_check(together: float, own: float, clocks: CameraClocks | None = None) -> Check:
+    """Do the cameras of a rig hold still to each other? Both noise levels in pixels, over all cameras; clocks: what
+    offsets of their clocks the residuals show."""
     ratio = together / own
     text = f"{together:.3g} px noise with the cameras fixed to each other, {own:.3g} px each for itself"
     loose = ratio > TOGETHER_WARN
     if loose:
-        text += ": they moved against each other, or the views of a moment were not taken at once"
+        late = [] if clocks is None else [c for c in clocks.clocks if _late(c)]
+        moved = "they moved against each other, or the views of a moment were not taken at once"
+        text += f": {_clock_words(late) if late else moved}"
     return Check("rigidity", "warn" if loose else "ok", text, ratio)
+
+
+CLOCK_SIGMAS = 4.0
+"""Of an offset that the residuals show beside all else that disturbs them: one chance in 16,000."""
+
+
+def _late(clock: CameraClock) -> bool:
+    offset, sigma = clock.offset_ms, clock.offset_sigma_ms
+    return offset is not None and sigma is not None and abs(offset) > CLOCK_SIGMAS * sigma
+
+
+def _clock_words(late: Sequence[CameraClock]) -> str:
+    said = ", ".join(f"{c.camera} {c.offset_ms:+.1f} ± {c.offset_sigma_ms:.1f} ms" for c in late)
+    return f"their residuals follow the target's motion, as if taken late by {said}; --time-offsets finds them"
+
+
+def clocks_check(found: CameraClocks) -> Check:
+    """The clocks that were asked for: their offsets and readout times, in the sigma of all else."""
+    said = []
+    for clock in found.clocks:
+        parts = []
+        if clock.offset_ms is not None:
+            parts.append(f"late by {clock.offset_ms:+.2f} ± {clock.offset_sigma_ms:.2f} ms")
+        if clock.readout_ms is not None:
+            parts.append(f"read in {clock.readout_ms:.2f} ± {clock.readout_sigma_ms:.2f} ms")
+        said.append(f"{clock.camera} {', '.join(parts)}")
+    worst = max((max(c.offset_sigma_ms or 0.0, c.readout_sigma_ms or 0.0) for c in found.clocks), default=0.0)
+    return Check("clocks", "ok", f"against {found.reference}: {'; '.join(said)}", worst)
+
+
+def moments_check(times: float) -> Check:
+    """What is told of errors that all pictures of a moment share; sigma holds them, so that nothing is to be done."""
+    if times < SAID:
+        return Check("shared-errors", "ok", "moments err independently of each other, as far as they show", times)
+    text = "the pictures of a moment err alike: every sigma holds it and is"
+    return Check("shared-errors", "ok", f"{text} {times:.1f} times what independent points would have", times)
 
 
 def motion_checks(report: MotionReport) -> tuple[Check, ...]:

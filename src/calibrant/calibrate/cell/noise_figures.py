@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibrant.calibrate.cell.fitted import pose_noise
-from calibrant.calibrate.cell.problem.groups import geometry_variable, joint_group, pixel_group, robot_groups
+from calibrant.calibrate.cell.problem.groups import geometry_variable, joint_group, robot_groups
 from calibrant.calibrate.cell.problem.problem import Cell
 from calibrant.data import CellLayout, PictureList, SigmaRobot
 from calibrant.data.details import RobotParameter, RobotParameters
@@ -17,7 +17,7 @@ from calibrant.optimize.solution import Solution
 
 def sigma_px(cell: Cell, noise: NoiseEstimate) -> float | None:
     """One noise level for all cameras; None without images."""
-    return pooled([noise.levels[pixel_group(c)] for c in cell.roles]) if cell.roles else None
+    return pooled([cell.pixel_level(noise.levels, c) for c in cell.roles]) if cell.roles else None
 
 
 def pooled(levels: Sequence[NoiseLevel]) -> float:
@@ -68,7 +68,7 @@ def noise_by_name(cell: Cell, noise: NoiseEstimate) -> CellLayout:
     joints = {r: noise.levels.get(joint_group(r)) for r in cell.free}
     return CellLayout(
         tuple(PictureList(p.camera, p.robot, p.setup, p.target, p.other) for p in layout.pictures),
-        {c: noise.levels[pixel_group(c)].sigma for c in cell.roles} if len(cell.roles) > 1 else {},
+        {c: cell.pixel_level(noise.levels, c).sigma for c in cell.roles} if len(cell.roles) > 1 else {},
         {r: sigma for r, sigma in robots.items() if sigma is not None},
         {r: float(np.rad2deg(level.sigma)) for r, level in joints.items() if level is not None},
     )

@@ -17,12 +17,13 @@ from calibrant.calibrate.cell.certainty.lens import along_with
 from calibrant.calibrate.cell.certainty.moved_check import moved_check
 from calibrant.calibrate.cell.certainty.whole import Certainty, growth
 from calibrant.calibrate.cell.checks import LoopDeviations
+from calibrant.calibrate.cell.clocks import clocks_found, suspected_clocks
 from calibrant.calibrate.cell.fitted import fitted_cameras, fitted_transforms, said_poses
 from calibrant.calibrate.cell.held_out import leave_out, loop_deviations, loop_of_list
 from calibrant.calibrate.cell.held_out_chance import held_out_chance
 from calibrant.calibrate.cell.methods import methods_table
 from calibrant.calibrate.cell.noise_figures import noise_by_name, pooled, robot_parameters, sigma_px, sigma_robot
-from calibrant.calibrate.cell.problem.groups import geometry_variable, lens_variable, pictures_factor, pixel_group
+from calibrant.calibrate.cell.problem.groups import geometry_variable, lens_variable, pictures_factor
 from calibrant.calibrate.cell.problem.layout import Frame, Layout, variable
 from calibrant.calibrate.cell.problem.problem import Cell
 from calibrant.calibrate.cell.sizes import Sizes
@@ -82,7 +83,7 @@ def cell_result(
         options=_asked(cell, asked),
         decided=_decided(cell),
         cell=None if plain else noise_by_name(cell, noise),
-        details=robot_parameters(cell, noise.solution),
+        details=(*robot_parameters(cell, solution), *([clocks] if (clocks := clocks_found(cell, solution)) else [])),
         observations=_observations(layout),
         robot_poses=_poses(cell, solution),
         T_camera_target=measured[0] if len(measured) == len(cell.data) == 1 else None,
@@ -197,21 +198,38 @@ def _loop_checks(cell: Cell, start: CellStart, solution: Solution) -> Iterable[C
         yield _named(questions.loop_check(loop, score), cell.layout.label(i))
 
 
-def _own_sigma_px(cell: Cell, camera: str) -> float:
-    """Pixel noise of a camera by its own calibration."""
-    return max(d.sigma_px for p, d in zip(cell.layout.pictures, cell.data) if p.camera == camera)
+def _sigma_together(cell: Cell, noise: NoiseEstimate, camera: str) -> float:
+    """Pixel noise that a camera shows in the fit of all: its level, or in a rig, whose cameras share one, what its own
+    residuals are over what they should be."""
+    level, solution = cell.pixel_level(noise.levels, camera), noise.solution
+    group = cell.pixel_group(camera)
+    if not cell.layout.rig:
+        return level.sigma
+    squares, count = 0.0, 0
+    for i, p, d in cell.lists:
+        if p.camera == camera and d.use.any():
+            k = solution.problem.factor_index(pictures_factor(i))
+            weighted = solution.residuals(pictures_factor(i)) * solution.problem.factors[k].weight[:, None]
+            squares, count = squares + float(np.sum(weighted**2)), count + weighted.size
+    every = sum(c for g, c in zip(solution.noise_shares.groups, solution.noise_shares.counts) if g == group)
+    return cell.pixel_ratios[camera] * float(np.sqrt(squares / count * every / level.redundancy)) if count else 0.0
 
 
 def _together(cell: Cell, noise: NoiseEstimate, camera: str) -> Check:
-    return questions.together_check(camera, noise.levels[pixel_group(camera)].sigma, _own_sigma_px(cell, camera))
+    return questions.together_check(camera, _sigma_together(cell, noise, camera), cell.own_sigma_px(camera))
 
 
 def _rig_checks(cell: Cell, start: CellStart, noise: NoiseEstimate) -> tuple[Check, ...]:
     if not cell.layout.rig:
         return ()
-    levels = [noise.levels[pixel_group(c)] for c in cell.roles]
-    own = pooled([replace(level, sigma=_own_sigma_px(cell, c)) for c, level in zip(cell.roles, levels)])
-    return questions.shared_moments_check(start.pairs), questions.rigidity_check(pooled(levels), own)
+    levels = [cell.pixel_level(noise.levels, c) for c in cell.roles]
+    own = pooled([replace(level, sigma=cell.own_sigma_px(c)) for c, level in zip(cell.roles, levels)])
+    shared, together = questions.shared_moments_check(start.pairs), pooled(levels)
+    if cell.clocks is None and questions.loose_rig(together, own):
+        return shared, questions.rigidity_check(together, own, suspected_clocks(cell, noise.solution))
+    found = clocks_found(cell, noise.solution)
+    rigidity = questions.rigidity_check(together, own)
+    return (shared, rigidity) if found is None else (shared, rigidity, questions.clocks_check(found))
 
 
 def _joints(cell: Cell, solution: Solution, robot: str) -> Check:
@@ -263,15 +281,17 @@ def _certainty_checks(cell: Cell, solution: Solution, certainty: Certainty) -> I
     for robot, shared in certainty.robots.items():
         name = robot if len(cell.layout.robots) > 1 else ""
         yield from (_named(c, name) for c in shared_errors_check(shared, growth(cell, solution)))
+    if certainty.moments is not None:
+        yield questions.moments_check(certainty.moments.times)
     for robot, push in certainty.moves.items():
         name = robot if len(cell.layout.robots) > 1 else ""
         yield _named(moved_check(cell, solution, robot, push), name)
     for camera, shift in certainty.lenses.items():
         name = camera if len(cell.roles) > 1 else ""
-        yield from (_named(c, name) for c in lens_shift_check(cameras[camera], shift))
+        yield from (_named(c, name) for c in lens_shift_check(cameras[camera], shift, rig=cell.layout.rig))
     for camera, doubt in certainty.doubts.items():
         name = camera if len(cell.roles) > 1 else ""
-        yield from (_named(c, name) for c in given_lens_check(cameras[camera], doubt))
+        yield from (_named(c, name) for c in given_lens_check(cameras[camera], doubt, rig=cell.layout.rig))
 
 
 def _position_checks(cell: Cell, transforms: Sequence[TransformEstimate]) -> Iterable[Check]:
@@ -313,6 +333,15 @@ def _covariance_of_all(cell: Cell, solution: Solution) -> JointCovariance:
     return JointCovariance(frames, C[:k, :k], names, C[:k, k:], C[k:, k:])
 
 
+def _seen(cell: Cell, solution: Solution, i: int) -> list[tuple[Array, Array]]:
+    """Squared residuals of list i's used views and where the target was when each was taken."""
+    found, p = seen_in_fit(solution, pictures_factor(i)), cell.layout.pictures[i]
+    if cell.clocks is None or p.camera not in cell.clocks.terms:
+        return found
+    moved = cell.clocks.lateness(p.camera, cell.layout.target(p), cell.used_ids(i))
+    return [(squares, T @ D) for (squares, T), D in zip(found, moved)]
+
+
 def _cell_views(cell: Cell, solution: Solution) -> tuple[list[ViewResult], Array]:
     """Every view with its residual in the fit, and the squared residual norms (N,) of all points, px^2."""
     out: list[ViewResult] = []
@@ -324,7 +353,7 @@ def _cell_views(cell: Cell, solution: Solution) -> tuple[list[ViewResult], Array
                 for name, use, reason, B in zip(data.ids, data.use, data.reasons, data.B)
             ]
             continue
-        found = seen_in_fit(solution, pictures_factor(i)) if data.use.any() else []
+        found = _seen(cell, solution, i) if data.use.any() else []
         far = max((float(np.sqrt(squares.max())) for squares, _ in found), default=0.0)
         fitted = iter(found)
         total = {v.id: len(v) for v in p.seen.views}

@@ -28,12 +28,17 @@ def calibrate_rig(
     model: ForEach = MODEL,
     fix: FixForEach = (),
     reference: str | None = None,
+    times: Mapping[str, float] | None = None,
+    time_offsets: bool = False,
+    readout: bool = False,
 ) -> CalibrationResult:
     """Calibrate cameras that are fixed to each other from synchronised views; `View.moment` says what is simultaneous.
 
     cameras: known intrinsics by name, held within their covariance (exact where they have none). The others are
     calibrated from their views: initial, by name, where that starts; model and fix, one for all cameras or by name,
     those not named having the default. Cameras may have different models and image sizes.
+    times: seconds of every moment, by its name; with them the cameras' clocks can be unknowns too: time_offsets, how
+    late each camera is against the reference; readout, the time between a picture's first and last row.
     reference: the camera whose frame is the rig's, by default the first. The result's transforms lead from it to every
     other camera (parent: reference, child: camera), then between every two others, with their covariance, and its
     `joint_covariance` is over the former.
@@ -46,8 +51,20 @@ def calibrate_rig(
         result = cb.calibrate_rig(cb.Observations((left, right), {"left": (1280, 1024), "right": (1280, 1024)}))
         result.transform("left", "right").matrix
     """
-    fit = fit_rig(observations, cameras=cameras, initial=initial, model=model, fix=fix, reference=reference)
-    return judged_cell(fit, asked_of_rig(model, fix, initial))
+    fit = fit_rig(
+        observations,
+        cameras=cameras,
+        initial=initial,
+        model=model,
+        fix=fix,
+        reference=reference,
+        times=times,
+        time_offsets=time_offsets,
+        readout=readout,
+    )
+    asked = {"time_offsets": True} if time_offsets else {}
+    asked |= {"readout": True} if readout else {}
+    return judged_cell(fit, asked_of_rig(model, fix, initial) | asked)
 
 
 def asked_of_rig(model: ForEach, fix: FixForEach, initial: Mapping[str, Camera] | None) -> dict[str, object]:
@@ -64,6 +81,9 @@ def fit_rig(
     fix: FixForEach = (),
     reference: str | None = None,
     together: Collection[str] = (),
+    times: Mapping[str, float] | None = None,
+    time_offsets: bool = False,
+    readout: bool = False,
 ) -> CellFit:
     """The fit behind `calibrate_rig`; arguments and errors as there. together: as `fit_cell` has it."""
     expect(observations, Observations, "observations", "Observations of two cameras or more")
@@ -74,6 +94,15 @@ def fit_rig(
         raise InputError(f"no camera {reference!r} in the observations; known: {', '.join(names)}")
     pictures = [Pictures(name, HANDHELD, observations.of_camera(name)) for name in names]
     return fit_cell(
-        {}, pictures, cameras=cameras, initial=initial, model=model, fix=fix, reference=reference or "",
+        {},
+        pictures,
+        cameras=cameras,
+        initial=initial,
+        model=model,
+        fix=fix,
+        reference=reference or "",
         together=together,
-    )  # fmt: skip
+        times=times,
+        time_offsets=time_offsets,
+        readout=readout,
+    )

@@ -41,6 +41,7 @@ from calibrant.data import CalibrationResult, Observations, View, ViewResult, ve
 from calibrant.data.details import BentTarget, FreeTarget
 from calibrant.data.verdicts import refuse_if_failed, stamp
 from calibrant.errors import CalibrantError, InputError, RefusedError
+from calibrant.geometry import se3
 from calibrant.optimize.solution import Solution
 
 FOCAL_LENGTH_GRID = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 8.0)
@@ -97,6 +98,8 @@ def calibrate_keeping(
         require_conditions(views, kind, fix)
     try:
         start = find_start(stacked, seen, kind, image_size, initial=initial, fix=fix)
+        views, stacked, start, unseen = _in_sight(views, stacked, start, kind)
+        too_small |= unseen
         fit, marked = fit_and_clean(views, stacked, start, kind, fix, max_error_px, stop=stop)
         fit = better_of_two(fit, kind, fix)
     except CalibrantError:
@@ -142,6 +145,23 @@ def _without(views: Sequence[View], good: NDArray[np.bool_]) -> tuple[tuple[View
         v.id: f"its {len(v)} points lie on a line, which determines no pose" for v, ok in zip(views, good) if not ok
     }
     return tuple(v for v, ok in zip(views, good) if ok), reasons
+
+
+def _in_sight(
+    views: tuple[View, ...], stacked: StackedViews, start: Start, kind: CameraModel
+) -> tuple[tuple[View, ...], StackedViews, Start, dict[str, str]]:
+    """Views all of whose points the camera of the start can see, and the reasons for the others; all of them where it
+    is not a few, for then the start is to blame."""
+    edge = np.repeat(np.arange(len(views)), np.diff(stacked.offsets))
+    p = se3.apply(start.T_camera_target[edge], stacked.points)
+    good = np.logical_and.reduceat(kind.sees(start.parameters, p), stacked.offsets[:-1])
+    if good.all() or 2 * int(good.sum()) <= len(views):
+        return views, stacked, start, {}
+    reasons = {
+        v.id: "no pose of the board has all its points before the camera" for v, ok in zip(views, good) if not ok
+    }
+    kept = tuple(v for v, ok in zip(views, good) if ok)
+    return kept, stack(kept), Start(start.parameters, start.T_camera_target[good]), reasons
 
 
 def find_start(

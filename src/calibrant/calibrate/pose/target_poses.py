@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.arrays import Array
+from calibrant.arrays import Array, Mask
 from calibrant.calibrate.classical import planar as planar_start
 from calibrant.calibrate.reprojection.factor import ReprojectionFactor, StackedViews, stack
 from calibrant.calibrate.reprojection.links import Link
@@ -84,6 +84,21 @@ def target_poses(camera: Camera, views: Sequence[View], *, loss: Loss | None = N
         np.where(pick, first_covariance, second_covariance),
         np.where(swap, first_rms, second_rms),
     )
+
+
+def determine_a_pose(camera: Camera, views: Sequence[View]) -> Mask:
+    """Which views (m,) have a pose to start from, before the camera with all their points: four points or more, not on
+    a line, that lie as the target has them."""
+    there = np.array([len(v) > 0 for v in views])
+    shown = [v for v in views if len(v)]
+    if not shown:
+        return there
+    stacked = stack(shown)
+    rays = camera.unproject(stacked.uv)
+    seen = np.logical_and.reduceat(np.isfinite(rays).all(axis=1), stacked.offsets[:-1])
+    start, _, good = _starts(stacked, np.where(np.isfinite(rays), rays, 0.0))
+    there[there] = good & (~seen | ~_hidden(camera, np.where(good[:, None, None], start, np.eye(4)), stacked))
+    return there
 
 
 def poses_from(camera: Camera, views: Sequence[View], start: Array) -> Array:

@@ -9,7 +9,7 @@ with T_camera_target a product of transforms (see `links`), theta the camera's p
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -46,6 +46,10 @@ class StackedViews:
     uv: Array
     sigma: Array
     offsets: Indices
+
+    def noisier(self, ratio: float) -> StackedViews:
+        """The same with relative sigmas this many times as large."""
+        return self if ratio == 1 else replace(self, sigma=ratio * self.sigma)
 
 
 def stack(views: Sequence[View]) -> StackedViews:

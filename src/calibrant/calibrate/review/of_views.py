@@ -22,13 +22,13 @@ def with_view_checks(
 ) -> CalibrationResult:
     """The result with the checks of its views' scores that it does not have yet, each camera's lens by itself.
 
-    Args: poses, T_camera_target by (camera, view id), of the calibration. Where a robot had a say in them, each view's
-    pose is fitted to its points alone. structures, of the residuals by camera.
+    Args: poses, T_camera_target by (camera, view id), of the calibration. Where a robot or another camera had a say in
+    them, each view's pose is fitted to its points alone. structures, of the residuals by camera.
     """
     known = {c.name for c in result.checks}
     alone = len(result.cameras) == 1
     cameras, new = dict(result.cameras), list[Check]()
-    own = poses if result.is_about_cameras else None
+    own = poses if _by_themselves(result) else None
     for name in result.cameras:
         if _carried(result, name):
             continue
@@ -62,7 +62,7 @@ def _asked(
     scores = None if rows is None else view_scores(rows)
     if rows is None or scores is None:
         return (), None
-    if not result.is_about_cameras:
+    if not _by_themselves(result):
         scores = as_photos_make_it(scores)
     names = [v.file or v.id for v in rows.views]
     found = one_camera(scores, names)
@@ -76,6 +76,11 @@ def _asked(
     if asked.found is not None and found.check.status == "ok":
         checks += shutter_checks(scores, asked.found, names)
     return checks, _held(scores, found, asked.moved)
+
+
+def _by_themselves(result: CalibrationResult) -> bool:
+    """Whether nothing but its own points said where each view's target is: neither a robot nor another camera."""
+    return result.is_about_cameras and len(result.cameras) == 1
 
 
 def _held(scores: ViewScores, found: OneCamera, moved: Sequence[Array]) -> Array | None:

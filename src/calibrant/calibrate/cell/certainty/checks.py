@@ -30,29 +30,35 @@ def shared_errors_check(found: NeighbourErrors, growth: float) -> tuple[Check, .
     )
 
 
-def lens_shift_check(camera: Camera, found: LensShift) -> tuple[Check, ...]:
-    """Do the robot's poses bend the lens away from what its photos say?"""
+ROBOT_BENDS = ("the robot's poses", "the robot's errors (--identify)")
+"""Who bends a lens, and what to look for."""
+
+
+def lens_shift_check(camera: Camera, found: LensShift, *, rig: bool = False) -> tuple[Check, ...]:
+    """Do the robot's poses, or the other cameras of a rig, bend the lens away from what its photos say?"""
     if not found.bent:
         return ()
     known = found.sigma > 0
     k = int(np.argmax(np.where(known, np.abs(found.moved) / np.where(known, found.sigma, 1.0), 0.0)))
     name, value = camera.model.parameter_names[k], float(camera.values[k])
+    who, cure = ("the other cameras", "what moved, or whose clock is late") if rig else ROBOT_BENDS
     message = (
-        f"the robot's poses bend the lens: {name} is {value:.6g} with them and {value - float(found.moved[k]):.6g} ± "
+        f"{who} bend the lens: {name} is {value:.6g} with them and {value - float(found.moved[k]):.6g} ± "
         f"{float(found.sigma[k]):.2g} by the photos alone; sigma holds it. Give a camera calibrated by itself "
-        "(--camera), or find the robot's errors (--identify)"
+        f"(--camera), or find {cure}"
     )
     return (Check("lens-by-robot", "warn", message, float(np.abs(found.moved[k]) / found.sigma[k])),)
 
 
-def given_lens_check(camera: Camera, found: LensDoubt) -> tuple[Check, ...]:
+def given_lens_check(camera: Camera, found: LensDoubt, *, rig: bool = False) -> tuple[Check, ...]:
     """Is a lens that was given as exact the one that took the pictures?"""
     if not found.wrong:
         return ()
     k = int(np.argmax(np.abs(found.moved / found.sigma)))
     value = float(camera.values[camera.model.parameter_names.index(found.names[k])])
     message = (
-        f"robot and pictures contradict the lens that was given: {found.names[k]} is {value:.6g} as given and "
+        f"{'the other cameras' if rig else 'robot'} and pictures contradict the lens that was given: {found.names[k]} "
+        f"is {value:.6g} as given and "
         f"{value + float(found.moved[k]):.6g} ± {float(found.sigma[k]):.2g} by them; sigma holds the difference. Is it "
         "this camera's, at this size and focus? Without --camera the photos calibrate it"
     )

@@ -15,8 +15,9 @@ from calibrant.calibrate.cell.certainty.moved import Moved, moved
 from calibrant.calibrate.cell.certainty.neighbours import ODDS, NeighbourErrors, shared_errors
 from calibrant.calibrate.cell.certainty.pose_errors import pose_errors
 from calibrant.calibrate.cell.certainty.size import size_shares
+from calibrant.calibrate.cell.certainty.together import MomentErrors, moment_errors
 from calibrant.calibrate.cell.certainty.views import lens_shares
-from calibrant.calibrate.cell.problem.groups import lens_variable, pixel_group, robot_groups, scale_variable
+from calibrant.calibrate.cell.problem.groups import lens_variable, robot_groups, scale_variable
 from calibrant.calibrate.cell.problem.layout import poses_variable, variable
 from calibrant.calibrate.cell.problem.problem import Cell
 from calibrant.data import Measured
@@ -26,12 +27,14 @@ from calibrant.optimize.solution import Solution
 
 @dataclass(frozen=True, eq=False)
 class Certainty:
-    """What was added to the covariance, by robot and by camera; moves: what was pushed, by robot."""
+    """What was added to the covariance, by robot and by camera; moves: what was pushed, by robot;
+    moments: what all that a rig saw at once errs alike by."""
 
     robots: Mapping[str, NeighbourErrors]
     lenses: Mapping[str, LensShift]
     doubts: Mapping[str, LensDoubt]
     moves: Mapping[str, Moved]
+    moments: MomentErrors | None = None
 
 
 def certain(
@@ -70,7 +73,7 @@ def certain(
         beside = beside + size_shares(solution, with_size, scale_variable(target), size)
     doubts: dict[str, LensDoubt] = {}
     for name, (other, with_lens) in freed.items():
-        doubt = lens_doubt(other, solution, with_lens, name, sigma_px=noise.levels[pixel_group(name)].sigma)
+        doubt = lens_doubt(other, solution, with_lens, name, sigma_px=cell.pixel_level(noise.levels, name).sigma)
         if doubt is not None:
             doubts[name] = doubt
             beside = beside + doubt.covariance
@@ -78,14 +81,19 @@ def certain(
     smooth = max((found.chance for found in robots.values()), default=ODDS / (1 + ODDS))
     for name, role in cell.roles.items():
         if lens_variable(name) in there and not role.exact:
-            shared = lens_shares(cell, solution, name, sigma_px=noise.levels[pixel_group(name)].sigma)
+            shared = lens_shares(cell, solution, name, sigma_px=cell.pixel_level(noise.levels, name).sigma)
             if shared is not None:
                 beside = beside + along_with(solution, lens_variable(name), shared)
             shift = lens_shift(replace(solution, beside=beside), lens_variable(name), role, smooth=smooth)
             if shift is not None:
                 lenses[name] = shift
                 beside = beside + shift.covariance
-    return replace(noise, solution=replace(solution, beside=beside)), Certainty(robots, lenses, doubts, moves)
+    moments: MomentErrors | None = None
+    if cell.layout.rig:
+        level = noise.levels[cell.pixel_group(cell.layout.root)].sigma
+        moments = moment_errors(cell, replace(solution, beside=beside), sigma_px=level)
+        beside = beside if moments is None else beside + moments.covariance
+    return replace(noise, solution=replace(solution, beside=beside)), Certainty(robots, lenses, doubts, moves, moments)
 
 
 def growth(cell: Cell, solution: Solution) -> float:

@@ -13,7 +13,7 @@ noise outweighs the pixels'; the noise levels that decide this are estimated wit
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from calibrant.arrays import Array, Mask
 from calibrant.calibrate.cell.problem.camera_role import CameraRole
+from calibrant.calibrate.cell.problem.clocks import Clocks
 from calibrant.calibrate.cell.problem.groups import (
     JOINTS,
     PAIR_FLOORS,
@@ -61,6 +62,7 @@ from calibrant.data import DEFAULT_CAMERA, Observations, RobotPoses, View
 from calibrant.data.observations import Carried
 from calibrant.optimize.factors import Factor, RotationPrior, TranslationPrior, VectorPrior
 from calibrant.optimize.manifolds import SE3, Euclidean, Variable
+from calibrant.optimize.noise import NoiseLevel
 from calibrant.optimize.problem import Problem
 
 Rows = NDArray[np.int64]
@@ -69,12 +71,15 @@ Rows = NDArray[np.int64]
 @dataclass(frozen=True, eq=False)
 class Cell:
     """Everything the problem is made of: the layout, the matched views of each list of pictures, the roles of the
-    cameras that have images, and the robots whose joints are free."""
+    cameras that have images, the robots whose joints are free, the times of
+    moments, seconds, where they are known, and the clocks of the cameras where they are asked for."""
 
     layout: Layout
     data: tuple[HandEyeViews, ...]
     roles: Mapping[str, CameraRole]
     free: Mapping[str, FreeJoints]
+    times: Mapping[str, float] = field(default_factory=dict)
+    clocks: Clocks | None = None
 
     @property
     def lists(self) -> list[tuple[int, Pictures, HandEyeViews]]:
@@ -112,6 +117,34 @@ class Cell:
         data = tuple(replace(d, use=d.use & k) for d, k in zip(self.data, keep))
         return replace(self, data=data)
 
+    def pixel_group(self, camera: str) -> str:
+        """Noise group of a camera's pixels. The cameras of a rig share one: what the clocks, the target's shape or a
+        camera that gave way err by is in all of them, and a level each would lay it on the one that fits worst. What
+        another camera's corners carried errs as its decoding does, by itself."""
+        return PIXEL if self._alike(camera) else pixel_group(camera)
+
+    def _alike(self, camera: str) -> bool:
+        """Whether a camera has its noise with the others of its rig."""
+        lists = [p.seen.views for p in self.layout.pictures if p.camera == camera and p.seen is not None]
+        return self.layout.rig and all(v.carried is None for views in lists for v in views)
+
+    @cached_property
+    def pixel_ratios(self) -> Mapping[str, float]:
+        """By camera, its pixel noise over its group's level: by the cameras' own calibrations."""
+        own = {c: self.own_sigma_px(c) for c in self.roles if self._alike(c)}
+        typical = float(np.exp(np.mean(np.log(list(own.values()))))) if own else 1.0
+        return dict.fromkeys(self.roles, 1.0) | {c: s / typical for c, s in own.items()}
+
+    def own_sigma_px(self, camera: str) -> float:
+        """Pixel noise of a camera by its own calibration."""
+        own = max(d.sigma_px for p, d in zip(self.layout.pictures, self.data) if p.camera == camera)
+        return max(own, PHOTO_FLOORS[PIXEL])
+
+    def pixel_level(self, levels: Mapping[str, NoiseLevel], camera: str) -> NoiseLevel:
+        """A camera's pixel noise."""
+        level, ratio = levels[self.pixel_group(camera)], self.pixel_ratios[camera]
+        return level if ratio == 1 else replace(level, sigma=ratio * level.sigma, deviation=ratio * level.deviation)
+
     @cached_property
     def robots_in_images(self) -> frozenset[str]:
         """Robots that stand between a camera and a target in any image."""
@@ -124,7 +157,7 @@ class Cell:
 
     def floors(self) -> dict[str, float]:
         """Least noise of every group: pixels, radians, metres."""
-        out = {pixel_group(c): PHOTO_FLOORS[PIXEL] for c in self.roles}
+        out = {self.pixel_group(c): PHOTO_FLOORS[PIXEL] for c in self.roles}
         for p in self.layout.pictures:
             if p.seen is None:
                 levels = (PAIR_FLOORS[TARGET_ROTATION], PAIR_FLOORS[TARGET_TRANSLATION])
@@ -146,7 +179,7 @@ class Cell:
             out |= (
                 dict(zip(self.measured_noise(p), (rotation, translation)))
                 if p.seen is None
-                else {pixel_group(p.camera): d.sigma_px}
+                else {self.pixel_group(p.camera): d.sigma_px / self.pixel_ratios[p.camera]}
             )
         # A joint turns the pose as the pose's own noise does.
         return out | {joint_group(robot): rotation / 2 for robot in self.free}
@@ -166,9 +199,12 @@ def cell_problem(
     for i in range(len(cell.data)):
         factors += _list_factors(cell, i, scale=cell.layout.pictures[i].target in free_sizes)
     seen = {name for f in factors for name in f.variables}
+    if cell.clocks is not None:
+        clocks = (cell.clocks.variable(name) for name in cell.clocks.terms)
+        variables += [v for v in clocks if v.name in seen]
     for name, role in cell.roles.items():
         if lens_variable(name) in seen:
-            _add_lens(name, role, variables, factors)
+            _add_lens(cell, name, role, variables, factors)
     for robot in cell.layout.robots:
         _add_robot(cell, robot, variables, factors)
     needed = {name for f in factors for name in f.variables}
@@ -196,9 +232,12 @@ def _list_factors(cell: Cell, i: int, *, scale: bool) -> list[Factor]:
             MeasuredRotation(f"rotations {i}", links, B, noise=rotation),
             MeasuredTranslation(f"translations {i}", links, B, noise=translation, scale=size),
         ]
-    stacked = stack(cell.used_views(i))
+    stacked = stack(cell.used_views(i)).noisier(cell.pixel_ratios[p.camera])
     # The mode's amplitude is scale - 1: points + (s - 1) points.
     modes = None if size is None else TargetModes(size, stacked.points[None])
+    if cell.clocks is not None and p.camera in cell.clocks.terms:
+        height = cell.roles[p.camera].camera.image_size[1]
+        stacked, modes = cell.clocks.displaced(p.camera, cell.layout.target(p), ids, stacked, height)
     seen = _reprojection(cell, p, links, stacked, name=pictures_factor(i), modes=modes)
     carried = [v.carried for v in cell.used_views(i) if v.carried is not None]
     return [seen] if len(carried) < len(ids) else [_carried(cell, i, seen, carried)]
@@ -214,7 +253,7 @@ def _reprojection(
         links=links,
         views=views,
         modes=modes,
-        noise=pixel_group(p.camera),
+        noise=cell.pixel_group(p.camera),
     )
 
 
@@ -230,7 +269,7 @@ def _carried(cell: Cell, i: int, seen: ReprojectionFactor, carried: Sequence[Car
     return CarriedFactor(seen.name, seen=seen, at=at, slope=np.concatenate([c.slope for c in carried]))
 
 
-def _add_lens(name: str, role: CameraRole, variables: list[Variable], factors: list[Factor]) -> None:
+def _add_lens(cell: Cell, name: str, role: CameraRole, variables: list[Variable], factors: list[Factor]) -> None:
     lens, values = lens_variable(name), role.camera.values
     variables.append(Variable(lens, role.manifold, values[None], words=f"the lens of {name}"))
     if role.prior is not None:
@@ -247,8 +286,8 @@ def _add_lens(name: str, role: CameraRole, variables: list[Variable], factors: l
                 model=role.camera.model,
                 camera=lens,
                 links=[Link(apart, np.arange(len(role.extra)))],
-                views=stack(role.extra),
-                noise=pixel_group(name),
+                views=stack(role.extra).noisier(cell.pixel_ratios[name]),
+                noise=cell.pixel_group(name),
             )
         )
 

@@ -186,13 +186,19 @@ def from_observations(
     sigma_px: noise per axis; by default what the typical view's residuals show. least: points that a view needs,
     FEWEST_POINTS where the camera is known.
     """
-    from calibrant.calibrate.pose.target_poses import target_poses  # not needed for pose pairs
+    from calibrant.calibrate.pose.target_poses import determine_a_pose, target_poses  # not needed for pose pairs
 
     _, matched = match_views(poses, observations)
     views = list(observations.views)
     enough = np.array([len(v) >= least for v in views])
     if not enough.any():
         raise InputError(f"no view has {least} points or more; nothing to calibrate from")
+    enough[enough] = determine_a_pose(camera, [v for v, ok in zip(views, enough) if ok])
+    if not enough.any():
+        raise InputError(
+            "no view's points lie so that they determine a pose of the target: they are on a line, or not as the "
+            "target has them; nothing to calibrate from"
+        )
     found = target_poses(camera, [v for v, ok in zip(views, enough) if ok])
     n = len(views)
     B = np.tile(np.eye(4), (n, 1, 1))
@@ -239,7 +245,11 @@ def _judged(
     for i, view in enumerate(views):
         k = rows[i]
         if not np.isfinite(certainty[i]):
-            use[i], reasons[i] = False, f"only {len(view)} points, {least} are needed"
+            few = len(view) < least
+            words = (
+                f"only {len(view)} points, {least} are needed" if few else f"its {len(view)} points determine no pose"
+            )
+            use[i], reasons[i] = False, words if few else f"{words}: on a line, or not as the target has them"
         elif certainty[i] > WEAK_FLAG:
             text = (
                 f"its {len(view)} points leave the target's position uncertain by {sigma_mm[k]:.2g} mm and "

@@ -1,0 +1,77 @@
+"""What all that a rig saw at one moment errs alike by: clocks that jitter, a target that moved, a bent board.
+
+A moment is one cluster: its pictures share the target's pose, and whatever disturbs one of them moves all points that
+it shows. By the influence of every residual on each camera's place (`optimize.clusters`: scores z_g of n moments,
+E sum |z_g|^2 = p where residuals are independent)
+
+    k_c = sum_g |z_g|^2 / p,      k = 1 + max(mean_c k_c - 1, 0) (t / 1.96)^2,
+
+and every covariance of the rig is multiplied by what k is above that which the lenses' own shares (`certainty.views`)
+have brought already. One factor for all: as many directions as a rig has unknowns are not told apart by its moments.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibrant.arrays import Array
+from calibrant.calibrate.cell.problem.groups import pictures_factor
+from calibrant.calibrate.cell.problem.layout import Frame, variable
+from calibrant.calibrate.cell.problem.problem import Cell
+from calibrant.calibrate.intrinsics.shared_errors import ROUNDING_PX
+from calibrant.optimize import cluster_kernels
+from calibrant.optimize.chances import NORMAL_95, t_interval
+from calibrant.optimize.clusters import LEAST_CLUSTERS, Clusters, corrected, influence, square_root
+from calibrant.optimize.solution import Solution
+
+
+@dataclass(frozen=True, eq=False)
+class MomentErrors:
+    """covariance (s, s): what is added to that of the shared unknowns; times: sigma over that of independent points."""
+
+    covariance: Array
+    times: float
+
+
+def moment_errors(cell: Cell, solution: Solution, *, sigma_px: float) -> MomentErrors | None:
+    """What moments share, in the covariance of a rig's unknowns; None for exact data, and too few moments.
+
+    solution: with what was added before. sigma_px: the noise of the points.
+    """
+    plain = replace(solution, around=(), beside=None)
+    frames = [f for f in cell.layout.unknown if f[1] in cell.layout.cameras]
+    moments = {m: k for k, m in enumerate(dict.fromkeys(m for i, _, _ in cell.lists for m in cell.used_ids(i)))}
+    if sigma_px < ROUNDING_PX or len(moments) < LEAST_CLUSTERS or not frames:
+        return None
+    found = [_of_camera(cell, plain, f, moments) for f in frames]
+    sizes = [float(np.sum(c.scores**2)) / c.scores.shape[1] for c in found]
+    free = max(min(float(np.mean([c.freedom for c in found])), len(moments) - 1), LEAST_CLUSTERS - 1)
+    needed = 1 + max(float(np.mean(sizes)) - 1, 0.0) * (t_interval(free) / NORMAL_95) ** 2
+    there = float(np.mean([_grown(plain, solution, f) for f in frames]))
+    more = max(needed / there - 1, 0.0)
+    whole = plain.shared_covariance if solution.beside is None else plain.shared_covariance + solution.beside
+    return MomentErrors(more * whole, float(np.sqrt(max(needed, there))))
+
+
+def _grown(plain: Solution, solution: Solution, frame: Frame) -> float:
+    """Variance of a camera's place, over that of independent points, averaged over its directions."""
+    _, inverse = square_root(plain.covariance(variable(frame)))
+    beside = replace(solution, around=()).covariance(variable(frame))
+    return float(np.trace(inverse @ beside @ inverse.T)) / len(inverse)
+
+
+def _of_camera(cell: Cell, plain: Solution, frame: Frame, moments: dict[str, int]) -> Clusters:
+    """The scores of all moments on a camera's place."""
+    root, inverse = square_root(plain.covariance(variable(frame)))
+    p = root.shape[1]
+    sums, G = np.zeros((len(moments), p)), np.zeros((len(moments), p, p))
+    for i, picture, _ in cell.lists:
+        views = cell.used_views(i)
+        if picture.seen is None or not views:
+            continue
+        rows, residuals = influence(plain, pictures_factor(i), variable(frame), onto=inverse)
+        labels = np.repeat([moments[m] for m in cell.used_ids(i)], [len(v) for v in views]).astype(np.int64)
+        cluster_kernels.add_rows(rows, residuals, labels, sums, G)
+    return corrected(sums, G, root=root)

@@ -1,0 +1,168 @@
+"""The fit of a rig whose cameras' clocks are unknown: with the target's motion of the last fit, until they stand still.
+
+    fit as if taken at once -> the target's motion through its poses -> clocks beside all else -> motion again -> …
+
+What a step of the clocks changes in the motion is of second order, so that two or three rounds suffice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibrant.arrays import Array
+from calibrant.calibrate.cell.fitted import fitted_places
+from calibrant.calibrate.cell.problem.clocks import OFFSET, READOUT, Clocks, Motion, clock_variable, motion_of
+from calibrant.calibrate.cell.problem.layout import Frame, Layout, variable
+from calibrant.calibrate.cell.problem.problem import Cell, cell_problem, moments_by_hand
+from calibrant.calibrate.cell.problem.views import HandEyeViews
+from calibrant.calibrate.cell.refine import LEAST_SIGMA_START, NEARLY_UNDAMPED, refined
+from calibrant.data.details import CameraClock, CameraClocks
+from calibrant.errors import InputError, RefusedError
+from calibrant.optimize.noise import NoiseEstimate, estimate_noise
+from calibrant.optimize.solution import Solution
+
+STILL = 0.05
+"""Clocks that move by less than this many sigmas stand still."""
+MOST_ROUNDS = 8
+NO_NEIGHBOUR = "no picture just before or after tells how the target moved, which its camera's clock needs"
+
+
+@dataclass(frozen=True, eq=False)
+class ClocksAsked:
+    """times: seconds by moment; offsets, readout: whether the cameras' offsets and readout times are unknown."""
+
+    times: Mapping[str, float]
+    offsets: bool = False
+    readout: bool = False
+
+    def terms(self, layout: Layout) -> dict[str, tuple[str, ...]]:
+        """What is unknown of each camera's clock: offsets are to the root's."""
+        words = {c: ((OFFSET,) if self.offsets and c != layout.root else ()) for c in layout.cameras}
+        return {c: w + ((READOUT,) if self.readout else ()) for c, w in words.items() if w or self.readout}
+
+
+def clocks_asked(cell: Cell, *, offsets: bool, readout: bool) -> ClocksAsked:
+    """What is asked, checked. Raises: InputError for cells that are no rig, and moments without a time."""
+    layout, told = cell.layout, cell.times
+    if not layout.rig:
+        raise InputError(
+            "time offsets of cameras are found in a rig, whose target is moved by hand; a robot's clock is found by "
+            "calibrant time-offset"
+        )
+    moments = {v.moment for p in layout.pictures if p.seen is not None for v in p.seen.views}
+    missing = sorted(moments - set(told))
+    if missing:
+        raise InputError(
+            f"the time of moment {missing[0]!r} is not known, nor of {len(missing) - 1} more of {len(moments)}; time "
+            "offsets and readout times need the time of every moment, in seconds: times={moment: seconds}, or videos"
+        )
+    values = np.array([told[m] for m in moments])
+    if not np.all(np.isfinite(values)):
+        raise InputError("the times of moments are seconds, finite numbers")
+    return ClocksAsked(told, offsets, readout)
+
+
+def refined_with_clocks(
+    cell: Cell, transforms: Mapping[Frame, Array], spread: tuple[float, float], asked: ClocksAsked
+) -> tuple[NoiseEstimate, Cell]:
+    """The fit with clocks, and what is left of the cell. Raises: RefusedError where no motion tells them."""
+    terms = asked.terms(cell.layout)
+    sigmas = cell.levels((max(spread[0], LEAST_SIGMA_START), max(spread[1], LEAST_SIGMA_START)))
+    problem = cell_problem(cell, transforms, sigmas)
+    solution = estimate_noise(problem, floors=cell.floors(), options=NEARLY_UNDAMPED).solution
+    at: dict[str, Array] = {camera: np.zeros(len(words)) for camera, words in terms.items()}
+    noise: NoiseEstimate | None = None
+    for _ in range(MOST_ROUNDS):
+        motions = _motions(cell, solution, asked.times)
+        timed, places = _told(
+            replace(cell, clocks=Clocks(asked.times, terms, at, motions)), fitted_places(cell, solution)
+        )
+        noise = estimate_noise(
+            cell_problem(timed, places, dict(solution.sigmas)), floors=timed.floors(), options=NEARLY_UNDAMPED
+        )
+        cell, solution, before = timed, noise.solution, at
+        at = {camera: solution.value(clock_variable(camera))[0] for camera in terms}
+        if _still(solution, before, at):
+            break
+    return refined(replace(cell, clocks=Clocks(asked.times, terms, at, motions)), fitted_places(cell, solution), spread)
+
+
+def clocks_found(cell: Cell, solution: Solution) -> CameraClocks | None:
+    """The clocks as fitted; None where none was asked for."""
+    if cell.clocks is None:
+        return None
+    there = {v.name for v in solution.problem.variables}
+    found = []
+    for camera, terms in cell.clocks.terms.items():
+        if (name := clock_variable(camera)) in there:
+            said = 1e3 * solution.value(name)[0], 1e3 * np.sqrt(np.diag(solution.covariance(name)))
+            told = {t: (float(v), float(s)) for t, v, s in zip(terms, *said)}
+            none = (None, None)
+            found.append(CameraClock(camera, *told.get(OFFSET, none), *told.get(READOUT, none)))
+    return CameraClocks(cell.layout.root, tuple(found))
+
+
+def suspected_clocks(cell: Cell, solution: Solution) -> CameraClocks | None:
+    """Offsets by one step from a fit without them; None where the times are not known or no motion tells.
+
+    What a rig errs by beyond its cameras' own noise is looked for here before it is laid on cameras that moved.
+    """
+    moments = {name for d in cell.data for name, use in zip(d.ids, d.use) if use}
+    if not moments <= set(cell.times):
+        return None
+    asked = ClocksAsked(cell.times, offsets=True)
+    terms = asked.terms(cell.layout)
+    at: dict[str, Array] = {camera: np.zeros(len(words)) for camera, words in terms.items()}
+    clocks = Clocks(asked.times, terms, at, _motions(cell, solution, asked.times))
+    try:
+        timed, places = _told(replace(cell, clocks=clocks), fitted_places(cell, solution))
+    except RefusedError:
+        return None  # pictures far apart in time: no motion between them is known
+    problem = cell_problem(timed, places, dict(solution.sigmas))
+    noise = estimate_noise(problem, floors=timed.floors(), options=NEARLY_UNDAMPED)
+    return clocks_found(timed, noise.solution)
+
+
+def _still(solution: Solution, before: Mapping[str, Array], at: Mapping[str, Array]) -> bool:
+    return all(
+        np.all(np.abs(at[c] - before[c]) <= STILL * np.sqrt(np.diag(solution.covariance(clock_variable(c)))))
+        for c in at
+    )
+
+
+def _motions(cell: Cell, solution: Solution, times: Mapping[str, float]) -> dict[str, Motion]:
+    """By the frame of each handheld target."""
+    layout = cell.layout
+    return {
+        frame[1]: motion_of(moments_by_hand(layout, cell.data, frame[1]), solution.value(variable(frame)), times)
+        for frame in layout.handheld
+    }
+
+
+def _told(cell: Cell, places: Mapping[Frame, Array]) -> tuple[Cell, dict[Frame, Array]]:
+    """The cell without the views whose target's motion is not told, and the places of the moments that are left."""
+    clocks, layout = cell.clocks, cell.layout
+    if clocks is None:
+        return cell, dict(places)
+    data: list[HandEyeViews] = []
+    for _, p, d in cell.lists:
+        motion = clocks.motions[layout.target(p)]
+        known = dict(zip(motion.moments, motion.known.tolist()))
+        odd = d.use & np.array([not known.get(m, False) for m in d.ids])
+        data.append(d.without(odd, [NO_NEIGHBOUR] * len(d)) if p.camera in clocks.terms and odd.any() else d)
+    left = replace(cell, data=tuple(data))
+    for camera in clocks.terms:
+        if not any(d.use.any() for _, p, d in left.lists if p.camera == camera):
+            raise RefusedError(
+                f"{camera}: no two pictures follow each other closely enough to tell how the target moved; its clock "
+                "needs a video, or pictures in quick succession, of a target that moves"
+            )
+    kept: dict[Frame, Array] = {f: T for f, T in places.items() if f not in layout.handheld}
+    for frame in layout.handheld:
+        before = moments_by_hand(layout, cell.data, frame[1])
+        after: Sequence[str] = moments_by_hand(layout, left.data, frame[1])
+        kept[frame] = places[frame][[before.index(m) for m in after]]
+    return left, kept

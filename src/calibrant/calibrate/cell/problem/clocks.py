@@ -1,0 +1,144 @@
+"""Clocks of a rig's cameras: offsets between them and the time that a picture takes to be read.
+
+A camera that is tau late sees a handheld target where it will be; one whose rows are read one after the other sees
+every row at a time of its own,
+
+    t_j = t_moment + tau_c + rho_c (v_j / h - 1/2),    p_j(t) = T_m^-1 T(t) p_j,
+
+with v_j / h the row as a part of the image's height, tau_c the offset to the reference camera's clock at the picture's
+middle row and rho_c the readout time. T(t) near a moment is a parabola in `se3.retract`'s chart that its neighbours in
+time tell. The displaced points stand in the place of the target's own: tau and rho are amplitudes of its modes, dp/dt
+and dp/dt (v / h - 1/2), so that their sigma and what they do to everything else come from the one problem. The parabola
+is that of the last fit: the fit is made again until the clocks stand still (`cell.clocks`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibrant.arrays import Array, Mask
+from calibrant.calibrate.reprojection.factor import StackedViews, TargetModes
+from calibrant.geometry import se3, so3
+from calibrant.optimize.manifolds import Euclidean, Variable
+
+OFFSET, READOUT = "offset", "readout"
+FURTHEST_STEPS = 2.5
+"""A neighbour in time that is further away than this many typical steps between moments says nothing of a moment's
+motion: one or two pictures may fail to show the board."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """How a handheld target moved: poses (m, 4, 4) at moments, with their velocity and acceleration (m, 6) in
+    `se3.retract`'s chart, rad/s, m/s; known (m,) where neighbours in time tell them."""
+
+    moments: tuple[str, ...]
+    T: Array
+    velocity: Array
+    acceleration: Array
+    known: Mask
+
+    def rows(self, moments: Sequence[str]) -> Array:
+        """Positions of these moments."""
+        index = {m: k for k, m in enumerate(self.moments)}
+        return np.array([index[m] for m in moments], dtype=np.int64)
+
+
+def motion_of(moments: Sequence[str], T: Array, times: Mapping[str, float]) -> Motion:
+    """The motion through poses T (m, 4, 4) at moments whose times, seconds, are known.
+
+    The polynomial through a moment and the four next to it in time, or the two where there are no more: with x_i the
+    step of the chart to the pose at time s_i from here, sum_k c_k s_i^k = x_i, c_1 is the velocity, 2 c_2 the
+    acceleration.
+    """
+    t = np.array([times[m] for m in moments])
+    n, order = len(t), np.argsort(t, kind="stable")
+    velocity, acceleration = np.zeros((n, 6)), np.zeros((n, 6))
+    known = np.zeros(n, dtype=bool)
+    steps = np.diff(t[order])
+    near = (steps > 0) & (steps <= FURTHEST_STEPS * (np.median(steps) if len(steps) else 0.0))
+    for k, here in enumerate(order.tolist()):
+        around = _neighbours(k, near)
+        if around is None:
+            continue
+        others = order[[i for i in around if i != k]]
+        powers = (t[others] - t[here])[:, None] ** np.arange(1, len(others) + 1)
+        c = np.linalg.solve(powers, se3.local(np.broadcast_to(T[here], (len(others), 4, 4)), T[others]))
+        velocity[here], acceleration[here], known[here] = c[0], 2 * c[1], True
+    return Motion(tuple(moments), T, velocity, acceleration, known)
+
+
+def _neighbours(k: int, near: Mask) -> range | None:
+    """Five moments in a row with k among them, else three, k as near their middle as can be; near (n - 1,): whether
+    each follows the one before closely."""
+    for size in (5, 3):
+        starts = sorted(range(k - size + 1, k + 1), key=lambda first: abs(first + size // 2 - k))
+        for first in starts:
+            if first >= 0 and first + size <= len(near) + 1 and near[first : first + size - 1].all():
+                return range(first, first + size)
+    return None
+
+
+@dataclass(frozen=True, eq=False)
+class Clocks:
+    """What is asked of clocks, and where they stand.
+
+    times: seconds by moment; terms: by camera, which of offset and readout are unknown; at: their values, seconds, in
+    the order of the terms; motions: by the frame of the handheld target.
+    """
+
+    times: Mapping[str, float]
+    terms: Mapping[str, tuple[str, ...]]
+    at: Mapping[str, Array]
+    motions: Mapping[str, Motion]
+
+    def variable(self, camera: str) -> Variable:
+        """The unknown of a camera's clock."""
+        names = tuple(f"{term} of {camera}" for term in self.terms[camera])
+        return Variable(clock_variable(camera), Euclidean(names), self.at[camera][None], words="the clock of")
+
+    def lateness(self, camera: str, target: str, moments: Sequence[str]) -> Array:
+        """T_m^-1 T(t_m + tau) (n, 4, 4): how the target had moved when the camera took its picture of each moment."""
+        motion = self.motions[target]
+        row, tau = motion.rows(moments), sum(a for a, t in zip(self.at[camera], self.terms[camera]) if t == OFFSET)
+        delta = motion.velocity[row] * tau + motion.acceleration[row] * (tau * tau / 2)
+        return np.asarray(se3.inverse(motion.T[row]) @ se3.retract(motion.T[row], delta))
+
+    def displaced(
+        self, camera: str, target: str, moments: Sequence[str], views: StackedViews, height: int
+    ) -> tuple[StackedViews, TargetModes]:
+        """The views' points less their modes at where the clock stands, and the modes: exact there, tangent beside."""
+        motion, terms = self.motions[target], self.terms[camera]
+        row = motion.rows(moments)[np.repeat(np.arange(len(moments)), np.diff(views.offsets))]
+        late = np.stack([np.ones(len(row)) if term == OFFSET else views.uv[:, 1] / height - 0.5 for term in terms])
+        dt = self.at[camera] @ late
+        points, speed = _moved(motion, row, views.points, dt)
+        modes = late[:, :, None] * speed
+        start = points - np.tensordot(self.at[camera], modes, axes=1)
+        return (
+            StackedViews(start, views.uv, views.sigma, views.offsets),
+            TargetModes(clock_variable(camera), modes),
+        )
+
+
+def _moved(motion: Motion, row: Array, points: Array, dt: Array) -> tuple[Array, Array]:
+    """T_m^-1 T(t_m + dt) p, metres, and its derivative by the time, m/s; (N, 3) each."""
+    R, velocity, acceleration = motion.T[row, :3, :3], motion.velocity[row], motion.acceleration[row]
+    delta = velocity * dt[:, None] + acceleration * (dt * dt / 2)[:, None]
+    rate = velocity + acceleration * dt[:, None]
+    arm = np.einsum("nij,nj->ni", R, points)
+    turned = np.einsum("nij,nj->ni", so3.exp(delta[:, :3]), arm)
+    # d exp(delta) = hat(J_left(delta) d delta) exp(delta)
+    spin = np.einsum("nij,nj->ni", so3.left_jacobian(delta[:, :3]), rate[:, :3])
+    back = np.swapaxes(R, -1, -2)
+    place = np.einsum("nij,nj->ni", back, turned + delta[:, 3:])
+    speed = np.einsum("nij,nj->ni", back, np.cross(spin, turned) + rate[:, 3:])
+    return place, speed
+
+
+def clock_variable(camera: str) -> str:
+    """Name of a camera's clock."""
+    return f"clock of {camera}"

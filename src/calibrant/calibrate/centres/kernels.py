@@ -76,10 +76,14 @@ def centre(T, Z, median, length, sums):  # type: ignore[no-untyped-def]
             x, y, z = sums[c, 0] / sums[c, 3], sums[c, 1] / sums[c, 3], sums[c, 2] / sums[c, 3]
             s = x * x + y * y + z * z
             if median:
-                shorter = 0
+                bound, shorter, below, above = 1e3 * np.sqrt(s), 0, 0.0, np.inf
                 for i in range(n):
-                    shorter += 1 if length[c, i] < 1e3 * np.sqrt(s) else 0
-                settled = settled and 2 * shorter < n
+                    if length[c, i] < bound:
+                        shorter, below = shorter + 1, max(below, length[c, i])
+                    else:
+                        above = min(above, length[c, i])
+                # The median length, without sorting: of an even number it is between the two about the middle.
+                settled = settled and (2 * shorter < n or (2 * shorter == n and below + above >= 2.0 * bound))
             elif c == 0:
                 settled = s < 1e-28
             if c == 1:

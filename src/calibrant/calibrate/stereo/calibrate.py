@@ -14,7 +14,6 @@ import numpy as np
 from calibrant.arrays import Array
 from calibrant.calibrate.cell.calibrate import CellFit, reviewed_cell
 from calibrant.calibrate.cell.lens_choice import MODEL, FixForEach, ForEach
-from calibrant.calibrate.cell.problem.groups import pixel_group
 from calibrant.calibrate.cell.rig import asked_of_rig, fit_rig
 from calibrant.calibrate.stereo import checks as questions
 from calibrant.calibrate.stereo.depth import point_certainty
@@ -73,7 +72,8 @@ def stereo_result(fit: CellFit, rig: CalibrationResult) -> CalibrationResult:
     left, right = fit.cell.layout.cameras
     T = rig.transform(left, right)
     eyes = rig.cameras[left], rig.cameras[right]
-    sigma = fit.noise.levels[pixel_group(left)].sigma, fit.noise.levels[pixel_group(right)].sigma
+    of_left, of_right = (fit.cell.pixel_level(fit.noise.levels, c).sigma for c in (left, right))
+    sigma = of_left, of_right
     pairs = seen_by_both(fit.cell.used_views(0), fit.cell.used_views(1))
     errors = epipolar_errors(pairs, *eyes, T.matrix, sigma_px=sigma)
     edges = triangulated_edges(pairs, *eyes, T.matrix)

@@ -13,6 +13,7 @@ from calibrant.arrays import Array
 from calibrant.calibrate.cell.loop.image_poses import ImagePoses
 from calibrant.calibrate.cell.starts.handheld import CameraPair
 from calibrant.calibrate.intrinsics.shared_errors import SAID
+from calibrant.calibrate.review.review import MOMENTS
 from calibrant.calibrate.solvers.motion import MotionReport
 from calibrant.data import Check, Measured, SigmaRobot, TransformEstimate, ViewResult
 from calibrant.data.details import CameraClock, CameraClocks
@@ -191,9 +192,9 @@ def clocks_check(found: CameraClocks) -> Check:
 def moments_check(times: float) -> Check:
     """What is told of errors that all pictures of a moment share; sigma holds them, so that nothing is to be done."""
     if times < SAID:
-        return Check("shared-errors", "ok", "moments err independently of each other, as far as they show", times)
+        return Check(MOMENTS, "ok", "moments err independently of each other, as far as they show", times)
     text = "the pictures of a moment err alike: every sigma holds it and is"
-    return Check("shared-errors", "ok", f"{text} {times:.1f} times what independent points would have", times)
+    return Check(MOMENTS, "ok", f"{text} {times:.1f} times what independent points would have", times)
 
 
 def motion_checks(report: MotionReport) -> tuple[Check, ...]:

@@ -10,8 +10,8 @@ from calibrant.calibrate.review.residuals import Structure, fitted_poses, struct
 from calibrant.data import CalibrationResult, verdict_of
 from calibrant.data.details import SharedErrors
 
-SHARED = "shared-errors"
-"""Name of the check of a result whose sigma holds what points or pictures err alike by."""
+MOMENTS = "moments"
+"""Name of the check of a rig, whose sigma holds what all pictures of a moment err alike by."""
 
 
 def review(result: CalibrationResult) -> CalibrationResult:
@@ -24,7 +24,7 @@ def review(result: CalibrationResult) -> CalibrationResult:
     known = {c.name for c in result.checks}
     poses = fitted_poses(result)
     residuals = view_residuals(result, poses)
-    held = result.detail(SharedErrors) is not None or (result.is_about_cameras and SHARED in known)
+    held = result.detail(SharedErrors) is not None or MOMENTS in known
     structures: dict[str, Structure] = {}
     for name, camera in result.cameras.items():
         mine = tuple(v for v in residuals if v.camera == name)

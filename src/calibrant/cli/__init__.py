@@ -30,8 +30,9 @@ def _run() -> int:
     # Matrices of tens of columns: BLAS's own threads wait for each other longer than they work (hand-eye of 1000 pose
     # pairs takes 1.7 times as long with two of them). Larger work is divided among threads and processes of ours.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # Loading makes objects that stay: looking through all of them again and again is a tenth of a short command.
-    gc.set_threshold(50_000, 20, 20)
+    # Loading makes objects that stay, 110,000 for a hand-eye: looking through them in turns of 50,000 is a
+    # twentieth of a short command, in turns of 10,000 a tenth.
+    gc.set_threshold(200_000, 20, 20)
     from calibrant.cancel import Token, cancellable
 
     token = Token()

@@ -11,6 +11,7 @@ from calibrant.cameras import Camera
 from calibrant.data import Observations, View
 from calibrant.geometry import se3, so3
 from calibrant.simulate.scenes import grid, look_at_board, standard_camera
+from calibrant.targets.registry import parse_target
 
 SIDES = ("left", "right")
 
@@ -48,15 +49,16 @@ def stereo_scene(
     T_left_right: Array | None = None,
     distance: tuple[float, float] = (0.45, 0.9),
     partly: bool = True,
+    target: str | None = None,
 ) -> StereoScene:
-    """A pair that sees a board of 9 x 6 points at `frames` moments, each wholly in the left image.
+    """A pair that sees a board (9 x 6 points, or that of a spec) at `frames` moments, each wholly in the left image.
 
     partly: whether the right camera may miss part of the board, or all of it; else such moments are drawn again.
     """
     rng = np.random.default_rng(seed)
     left, right = cameras or (standard_camera(), right_camera())
     T_pair = standard_pair() if T_left_right is None else T_left_right
-    points = grid(9, 6, 0.025)
+    points = grid(9, 6, 0.025) if target is None else parse_target(target).points
     poses: list[Array] = []
     while len(poses) < frames:
         (T,) = look_at_board(left, points, 1, rng=rng, distance=distance)
@@ -79,7 +81,7 @@ def stereo_scene(
         T_left_target,
         points,
         dict(zip(SIDES, sigma_px)),
-        Observations(tuple(views), sizes),
+        Observations(tuple(views), sizes, target),
     )
 
 

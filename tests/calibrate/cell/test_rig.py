@@ -79,12 +79,19 @@ def test_cameras_without_a_common_moment_are_named() -> None:
         calibrate_rig(replace(scene, views=views))
 
 
-def test_a_rig_that_moved_is_noticed() -> None:
+def test_a_rig_that_moved_is_refused_with_when() -> None:
     scene = rig_scene(3)
-    views = []
-    for v in scene.views:
-        later = v.camera == "right" and int(v.moment) >= 7
-        views.append(replace(v, uv=v.uv + np.array([3.0, 0.0])) if later else v)
+    later = {v.id for v in scene.views if v.camera == "right" and int(v.moment) >= 7}
+    views = [replace(v, uv=v.uv + np.array([3.0, 0.0])) if v.id in later else v for v in scene.views]
+    with pytest.raises(RefusedError, match=r"right moved against left .* between left-6 and left-7"):
+        calibrate_rig(replace(scene, views=tuple(views)))
+
+
+def test_a_rig_that_is_loose_is_noticed() -> None:
+    """It swings: no single move parts the moments."""
+    scene = rig_scene(3)
+    loose = {v.id for v in scene.views if v.camera == "right" and int(v.moment) % 2}
+    views = [replace(v, uv=v.uv + np.array([3.0, 0.0])) if v.id in loose else v for v in scene.views]
     check = calibrate_rig(replace(scene, views=tuple(views))).check("rigidity")
     assert check.status == "warn"
     assert "moved against each other" in check.message

@@ -20,6 +20,8 @@ from calibrant.calibrate.cell.certainty.accuracy import robot_accuracy as as_acc
 from calibrant.calibrate.cell.certainty.whole import Certainty, certain
 from calibrant.calibrate.cell.clocks import clocks_asked, refined_with_clocks
 from calibrant.calibrate.cell.lens_choice import MODEL, FixForEach, ForEach, LensChoice, lens_choices, lenses_asked
+from calibrant.calibrate.cell.moments.at_once import seen_at_once
+from calibrant.calibrate.cell.moments.numbering import numbered_at_once
 from calibrant.calibrate.cell.problem.camera_role import CameraRole
 from calibrant.calibrate.cell.problem.joint_offsets import JointReadings, free_joints
 from calibrant.calibrate.cell.problem.layout import (
@@ -68,7 +70,8 @@ Accuracy = RobotAccuracy | float | str
 class CellFit:
     """A cell's fit: its noise estimate with the solution, what is left of the cell, and the start that led there.
 
-    left_out: views that their camera's own calibration ruled out; numbering: what was asked of symmetric boards;
+    left_out: views that their camera's own calibration ruled out; numbering: what was asked of symmetric boards,
+    and of views of one moment;
     sizes: of the targets, by the robots' motion; certainty: what the covariance holds beside the noise levels.
     """
 
@@ -186,6 +189,8 @@ def fit_cell(
     )
     data, roles, left_out = _matched(where, lenses)
     where, data, numbering = numbered_alike(where, data)
+    where, data, by_hand = numbered_at_once(where, data)
+    data, roles, at_once = seen_at_once(where, data, roles)
     free = {name: free_joints(r, identify) for name, r in _readings(where, joints).items()}
     start = cell_start(where, data, {v.id: v.reason or "" for v in left_out})
     with _by_its_cause(start):
@@ -201,7 +206,7 @@ def fit_cell(
         held = [name for name, role in cell.roles.items() if role.exact]
         loose = {name: found for name in held if (found := with_lens_free(cell, noise.solution, name)) is not None}
         noise, certainty = certain(cell, noise, freed, accuracies or {}, loose)
-    return CellFit(noise, cell, start, left_out, numbering, sizes, certainty)
+    return CellFit(noise, cell, start, left_out, (*numbering, *by_hand, *at_once), sizes, certainty)
 
 
 @contextmanager

@@ -1,0 +1,78 @@
+"""Did two cameras move against each other, once, between two moments?
+
+Every moment m gives where one stands to the other, d_m about any common place. Beside the views' own noise C_m it is
+off by what both lenses are, alike at all moments: L_m e, e of unit covariance. With Sigma = diag(C_m) + L L^T and, for
+each parting of the moments in their order, the model d_m = mu + step [m >= k],
+
+    z_k = step^T V^-1 step,     V the covariance of the step by generalised least squares,
+
+6 degrees of freedom, against what is left, 6 n - 12. The chance is that of the most significant parting times how many
+were tried.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibrant.arrays import Array
+from calibrant.optimize.chances import f_tail
+
+CHANCE = 1e-4
+"""One of ten thousand sessions whose cameras stood still is accused."""
+LEAST_GROUP = 2
+"""Moments of a group: one alone is a pair that does not belong, not a move."""
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """first: the first moment after it; step (6,): rotation, rad, and translation, m, along the first camera's axes;
+    chance: of as much where nothing moved; z: what the step explains."""
+
+    first: int
+    step: Array
+    chance: float
+    z: float
+
+
+def move_between(d: Array, C: Array, L: Array) -> Move | None:
+    """The move that the moments show; None where none is beyond chance.
+
+    Args: d (n, 6), se3.local from a common place; C (n, 6, 6) of each by itself; L (n, 6, p) of what all share.
+    """
+    n = len(d)
+    if n < 2 * LEAST_GROUP + 1:
+        return None
+    W, Wd = _weights(d, C, L)
+    # Of the moments from k on: blocks of W summed over rows and columns.
+    rows = np.cumsum(W.sum(axis=1)[::-1], axis=0)[::-1]  # (n, 6, 6), rows >= k against all
+    corner = np.cumsum(np.cumsum(W[::-1, ::-1], axis=0), axis=1)[::-1, ::-1]
+    right = np.cumsum(Wd[::-1], axis=0)[::-1]
+    total = float(np.einsum("ni,ni->", d, Wd))
+    most, first, moved, explained = 0.0, 0, np.zeros(6), 0.0
+    tried = n - 2 * LEAST_GROUP + 1
+    for k in range(LEAST_GROUP, n - LEAST_GROUP + 1):
+        H = np.block([[rows[0], rows[k].T], [rows[k], corner[k, k]]])
+        inverse = np.linalg.pinv(H, rcond=1e-13, hermitian=True)
+        g = np.concatenate([right[0], right[k]])
+        found = inverse @ g
+        step = found[6:]
+        z = float(step @ np.linalg.solve(inverse[6:, 6:], step))
+        # Covariances hold what they hold: less scatter than that is luck.
+        left = max((total - float(g @ found)) / (6 * n - 12), 1.0)
+        if z / left > most:
+            most, first, moved, explained = z / left, k, step, z
+    chance = float(f_tail(6, 6 * n - 12, most / 6)) * tried
+    return Move(first, moved, chance, explained) if chance < CHANCE else None
+
+
+def _weights(d: Array, C: Array, L: Array) -> tuple[Array, Array]:
+    """Sigma^-1 as blocks (n, n, 6, 6), and its product with d (n, 6): Woodbury's, of rank p."""
+    n, p = len(d), L.shape[2]
+    own = np.linalg.inv(C)
+    WL = own @ L
+    inner = np.linalg.inv(np.eye(p) + np.einsum("nip,niq->pq", L, WL))
+    W = -np.einsum("nip,pq,mjq->nmij", WL, inner, WL, optimize=True)
+    W[np.arange(n), np.arange(n)] += own
+    return W, np.einsum("nmij,mj->ni", W, d)

@@ -35,6 +35,7 @@ from calibrant.calibrate.cell.problem.layout import (
     layout,
 )
 from calibrant.calibrate.cell.problem.problem import Cell
+from calibrant.calibrate.cell.problem.unused import with_unused
 from calibrant.calibrate.cell.problem.views import (
     FEWEST_POINTS,
     MINIMUM_POINTS,
@@ -273,7 +274,7 @@ def _matched(
             given = p.observations
             data[i] = from_target_poses(where.robots[p.robot].only(given.ids), given.T_camera_target)
     if where.cameras_with_images:
-        from calibrant.calibrate.cell.photos import photographed, with_unused  # not needed for pose pairs
+        from calibrant.calibrate.cell.photos import photographed  # not needed for pose pairs
     for name in where.cameras_with_images:
         lists = {i: p.seen for i, p in enumerate(where.pictures) if p.camera == name and p.seen is not None}
         try:

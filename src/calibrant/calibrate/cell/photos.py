@@ -10,12 +10,12 @@ import numpy as np
 from calibrant.arrays import Array
 from calibrant.calibrate.cell.lens_choice import LensChoice
 from calibrant.calibrate.cell.problem.camera_role import CameraRole, found_camera, prior_camera
-from calibrant.calibrate.cell.problem.views import LEAST_SIGMA_PX, HandEyeViews
+from calibrant.calibrate.cell.problem.views import LEAST_SIGMA_PX
 from calibrant.calibrate.cell.problem.views import MINIMUM_POINTS as ENOUGH_POINTS
 from calibrant.calibrate.intrinsics.one_model import calibrate_keeping
 from calibrant.calibrate.pose.target_poses import target_poses
 from calibrant.calibrate.reprojection.held import ASPECT, expand_fix
-from calibrant.calibrate.reprojection.outliers import CAUCHY_SCALE_SIGMAS, MINIMUM_POINTS, Marked, mark, view_reason
+from calibrant.calibrate.reprojection.outliers import CAUCHY_SCALE_SIGMAS, Marked, mark, view_reason
 from calibrant.calibrate.reprojection.weak_terms import weak_terms_information
 from calibrant.calibrate.reprojection.weights import reweighted
 from calibrant.calibrate.starts.any_lens import transferred
@@ -99,18 +99,6 @@ def _placed(lists: Sequence[Observations], every: Sequence[View], lens: LensChoi
     sigma = float(np.sqrt(np.sum(_squares(judged.views, start)) / freedom))
     seen_at = dict(zip((v.id for v in judged.views), found))
     return Photographed(role, parts, judged.left_out, max(sigma, LEAST_SIGMA_PX), seen_at)
-
-
-def with_unused(role: CameraRole, lists: Sequence[HandEyeViews]) -> CameraRole:
-    """A camera that its own photos determine: those without a use for the robot still count for it."""
-    extra = [
-        (v, T)
-        for data in lists
-        for v, T, use in zip(data.views or (), data.B, data.use)
-        if not use and len(v) >= MINIMUM_POINTS and not np.allclose(T, np.eye(4))
-    ]
-    poses = np.array([T for _, T in extra]).reshape(-1, 4, 4)
-    return replace(role, extra=tuple(v for v, _ in extra), extra_poses=poses)
 
 
 def judge(views: Sequence[View], camera: Camera) -> Judged:

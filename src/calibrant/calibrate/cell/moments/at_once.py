@@ -28,9 +28,9 @@ from calibrant.calibrate.cell.moments.sightings import (
     tree,
     view_of,
 )
-from calibrant.calibrate.cell.photos import with_unused
 from calibrant.calibrate.cell.problem.camera_role import CameraRole
 from calibrant.calibrate.cell.problem.layout import Layout
+from calibrant.calibrate.cell.problem.unused import with_unused
 from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.calibrate.cell.starts.medoid import robust_mean
 from calibrant.calibrate.pose.target_poses import target_poses

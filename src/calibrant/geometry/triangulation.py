@@ -42,6 +42,30 @@ def triangulate(rays: ArrayLike, *, T_world_camera: ArrayLike) -> Array:
     return np.linalg.solve(normal, right[..., None])[..., 0]
 
 
+def triangulate_linear(rays: ArrayLike, *, T_world_camera: ArrayLike) -> Array:
+    """The points that solve X_c - x Z_c = 0, Y_c - y Z_c = 0 of all views by least squares, (x, y, 1) along the ray.
+
+    (X_c, Y_c, Z_c) is the point in camera c, so that a view counts by the point's depth in it (Hartley and Zisserman,
+    12.2, inhomogeneous; the lecture's slide 37 in normalised coordinates).
+    Args, returns: as `triangulate`. Raises: as there, and InputError for a ray that does not point ahead.
+    """
+    directions, seen, T = _checked_rays(rays, T_world_camera)
+    if np.any(directions[..., 2] <= 0):
+        raise InputError("the linear equations take rays ahead of their cameras, z > 0; use `triangulate`")
+    xy = directions[..., :2] / directions[..., 2:]
+    B = np.concatenate([np.broadcast_to(np.eye(2), (*xy.shape[:2], 2, 2)), -xy[..., None]], axis=-1)
+    B = B * seen[..., None, None]
+    T_camera_world = se3.inverse(T)
+    A = B @ T_camera_world[:, None, :3, :3]
+    right = -np.einsum("vnkj,vj->vnk", B, T_camera_world[:, :3, 3])
+    normal = np.einsum("vnki,vnkj->nij", A, A)
+    values = np.linalg.eigvalsh(normal)
+    parallel = np.flatnonzero(values[:, 0] < _PARALLEL * values[:, 2])
+    if len(parallel):
+        raise InputError(f"point {parallel[0]}: its rays are parallel, so its depth is unknown; move the cameras apart")
+    return np.linalg.solve(normal, np.einsum("vnki,vnk->ni", A, right)[..., None])[..., 0]
+
+
 def refine_points(p_world: ArrayLike, rays: ArrayLike, *, T_world_camera: ArrayLike) -> Array:
     """The points with the least squared angles to their rays, by Gauss-Newton from a start such as `triangulate`.
 

@@ -1,0 +1,1 @@
+"""What two calibrated cameras see together: points, rectified pictures, depth, epipolar lines."""

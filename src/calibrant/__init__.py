@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from calibrant.tasks.verbs import next_pose as next_pose
     from calibrant.tasks.verbs import point as point
     from calibrant.tasks.verbs import pose as pose
+    from calibrant.tasks.verbs import rectify as rectify
     from calibrant.tasks.verbs import report as report
     from calibrant.tasks.verbs import stereo as stereo
     from calibrant.tasks.verbs import study_methods as study_methods
@@ -100,6 +101,7 @@ _PUBLIC = {
     "pose": ("calibrant.tasks.verbs", "pose"),
     "read": ("calibrant.data.result_file", "read_result"),
     "read_poses": ("calibrant.tasks.inputs.pose_files", "read_poses"),
+    "rectify": ("calibrant.tasks.verbs", "rectify"),
     "report": ("calibrant.tasks.verbs", "report"),
     "target": ("calibrant.tasks.verbs", "target"),
     "time_offset": ("calibrant.tasks.verbs", "time_offset"),

@@ -52,6 +52,7 @@ from calibrant.data.details import (
     PlannedPose,
     PointedSpot,
     PossibleChange,
+    RectifiedPair,
     ReferencePicture,
     RobotParameter,
     RobotParameters,
@@ -120,6 +121,18 @@ def details() -> tuple[object, ...]:
             (PhotoShift("0", (640, 480), ((1.5, 1 / 3), (2.0, 3.0)), ((1.0, 0.1), (2.5, 3.5)), "0.png"),),
         ),
         ReferencePicture("then.png", (640, 480), "aGVsbG8="),
+        RectifiedPair(
+            "pinhole",
+            "x",
+            1 / 3,
+            ((1.5, 2.0), (2.5, 2.0)),
+            (640, 480),
+            0.12,
+            (
+                (((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1 / 3))),
+                ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+            ),
+        ),
         PointedSpot("m", (1e-6, 1 / 3e7, 2e-6), {"left": (1 / 3, 2.0), "right": (3.0, 4.5)}),
         StereoGeometry("left", "right", TURNED, (1 / 3, 0.0, -0.1), TURNED, TURNED),
         EpipolarErrors(

@@ -304,6 +304,20 @@ class PointedSpot:
 
 
 @dataclass(frozen=True)
+class RectifiedPair:
+    """How a pair was rectified: pinhole or cylinder, the axis of the baseline (x or y), f and both (cx, cy), px, the
+    size, the baseline (m) and the turns R_rectified_camera of left and right."""
+
+    projection: str
+    axis: str
+    focal_px: float
+    centres_px: tuple[tuple[float, float], tuple[float, float]]
+    image_size: tuple[int, int]
+    baseline_m: float
+    R_rectified_camera: tuple[tuple[Triple, Triple, Triple], tuple[Triple, Triple, Triple]]
+
+
+@dataclass(frozen=True)
 class ReferencePicture:
     """A small grey copy of a photo, by which later ones tell whether the camera was pushed.
 
@@ -356,5 +370,6 @@ DETAILS: Mapping[str, type] = {
     "stereo": StereoGeometry,
     "epipolar": EpipolarErrors,
     "edges": TriangulatedEdges,
+    "rectified_pair": RectifiedPair,
 }
 """The key of each record in a result file."""

@@ -76,6 +76,11 @@ def _filling(rectangle: Array, size: Size) -> Array:
 
 def _border(camera: Camera) -> Array:
     """X/Z, Y/Z (9, 9, 2) of pixels spread over the image; `WIDEST_DEG` at most, in the pixel's direction."""
+    return flattened(border_rays(camera))
+
+
+def border_rays(camera: Camera) -> Array:
+    """Directions (9, 9, 3) of pixels spread over the image, its border among them."""
     width, height = camera.image_size
     uv = np.stack(
         np.meshgrid(np.linspace(0, width - 1, BORDER_POINTS), np.linspace(0, height - 1, BORDER_POINTS)), axis=-1
@@ -83,7 +88,11 @@ def _border(camera: Camera) -> Array:
     rays = camera.unproject(uv)
     middle = camera.project([0.0, 0.0, 1.0])
     # A pixel without a ray lies beyond the lens's image circle: its direction from the middle is all that is known.
-    rays = np.where(np.isfinite(rays), rays, np.concatenate([uv - middle, np.zeros((*uv.shape[:-1], 1))], axis=-1))
+    return np.where(np.isfinite(rays), rays, np.concatenate([uv - middle, np.zeros((*uv.shape[:-1], 1))], axis=-1))
+
+
+def flattened(rays: Array) -> Array:
+    """X/Z, Y/Z (..., 2) of directions (..., 3); `WIDEST_DEG` from the axis at most."""
     across = np.hypot(rays[..., 0], rays[..., 1])
     slope = np.tan(np.arctan2(across, rays[..., 2]).clip(0, np.deg2rad(WIDEST_DEG)))
     return rays[..., :2] * (slope / np.where(across > 0, across, 1.0))[..., None]

@@ -9,6 +9,7 @@ serves on either side. Pixels without a source, outside of the image or of the m
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,14 +33,11 @@ _FARTHEST = 32_000.0
 
 
 @dataclass(frozen=True, eq=False)
-class Undistortion:
-    """The maps from an output image to a source image; build it with `undistortion`.
-
-    source, output: the cameras; map_u, map_v (h, w): source pixel of every output pixel, NaN where there is none.
-    """
+class Maps:
+    """From an output image to a source image: source, the camera; map_u, map_v (h, w): source pixel of every output
+    pixel, NaN where there is none."""
 
     source: Camera
-    output: Camera
     map_u: Array
     map_v: Array
 
@@ -86,31 +84,51 @@ class Undistortion:
         return largest_rectangle(self.valid)
 
 
+@dataclass(frozen=True, eq=False)
+class Undistortion(Maps):
+    """The maps to the images of another camera, `output`, at the same place; build it with `undistortion`."""
+
+    output: Camera
+
+
 def undistortion(source: Camera, output: Camera) -> Undistortion:
     """The maps that turn images of `source` into images of `output`, for cameras at the same place.
 
     Raises: InputError for a camera of parallel rays.
     """
-    for camera in (source, output):
-        if camera.model.projection == "parallel":
-            raise InputError(
-                f"a camera of the {camera.model.name} model has parallel rays, which no other camera has; its images "
-                "are not distorted"
-            )
-    width, height = output.image_size
+    _refuse_parallel_rays(output)
+    maps = maps_of(source, output.unproject, output.image_size)
+    return Undistortion(source, maps.map_u, maps.map_v, output)
+
+
+def maps_of(source: Camera, rays: Callable[[Array], Array], image_size: tuple[int, int]) -> Maps:
+    """The maps to an output image whose pixels (..., 2) see along `rays` (..., 3) of the source camera's frame.
+
+    image_size: (width, height) of the output; rays of NaN have no source. Raises: InputError for a source of parallel
+    rays.
+    """
+    _refuse_parallel_rays(source)
+    width, height = image_size
     maps = np.empty((2, height, width))
     rows = max(1, _PIXELS_AT_ONCE // width)
     for first in range(0, height, rows):
         last = min(height, first + rows)
         u, v = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(first, last, dtype=np.float64))
-        maps[:, first:last] = np.moveaxis(source_pixels(source, output, np.stack([u, v], axis=-1)), -1, 0)
+        maps[:, first:last] = np.moveaxis(_seen_along(source, rays(np.stack([u, v], axis=-1))), -1, 0)
     maps.setflags(write=False)
-    return Undistortion(source, output, maps[0], maps[1])
+    return Maps(source, maps[0], maps[1])
 
 
-def source_pixels(source: Camera, output: Camera, uv: Array) -> Array:
-    """Pixels (..., 2) of `source` that see what the pixels (..., 2) of `output` see; NaN where none does."""
-    rays = output.unproject(uv)
+def _refuse_parallel_rays(camera: Camera) -> None:
+    if camera.model.projection == "parallel":
+        raise InputError(
+            f"a camera of the {camera.model.name} model has parallel rays, which no other camera has; its images "
+            "are not distorted"
+        )
+
+
+def _seen_along(source: Camera, rays: Array) -> Array:
+    """Pixels (..., 2) of `source` that see along rays (..., 3); NaN where none does."""
     known: Mask = np.asarray(np.isfinite(rays).all(axis=-1))
     p = np.where(known[..., None], rays, [0.0, 0.0, 1.0])
     # Beyond the fold of a polynomial the same picture comes again, mirrored.

@@ -209,6 +209,23 @@ def undistort(
     mirror_x: bool = False,
     force: bool = False,
 ) -> CalibrationResult: ...
+def rectify(
+    result: str | Path,
+    *,
+    left: Words = (),
+    right: Words = (),
+    out: str | Path | None = None,
+    cameras: str | None = None,
+    alpha: float = 0.0,
+    size: str | None = None,
+    focal: str | None = None,
+    projection: str = "pinhole",
+    principal: str = "equal",
+    maps: str | Path | None = None,
+    rows: str | Path | None = None,
+    target: str | None = None,
+    force: bool = False,
+) -> CalibrationResult: ...
 def point(
     *,
     left: str | Path | None = None,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.option import Option
 from calibrant.tasks.options.words import pixels
 from calibrant.tasks.outcome import Document, Outcome, result_document
+from calibrant.tasks.pictures import check_maps, encoded, maps_bytes, picture_name, size_of
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -28,9 +28,6 @@ if TYPE_CHECKING:
 EXAMPLE = 'cb.undistort("photos/*.jpg", camera="camera.json", out="straight", alpha=0.0)'
 
 CAMERA_FILE = "camera.json"
-JPEG_QUALITY = 98
-"""Beyond it files grow and no grey level changes by more than the picture's noise."""
-_MAP_KINDS = (".npz", ".yml", ".yaml", ".yml.gz")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +48,7 @@ class OutputCameraOptions:
         from calibrant.formats.cameras.read import read_camera
         from calibrant.perceive.output_cameras import axis_camera, focal_camera, optimal_camera
 
-        size = None if self.size is None else _size(self.size)
+        size = None if self.size is None else size_of(self.size)
         if self.to is not None:
             if self.alpha is not None or size is not None or self.focal is not None:
                 raise InputError("--to gives the whole camera; leave out --alpha, --size and --focal")
@@ -137,15 +134,6 @@ def _photos(request: Request) -> list[Path]:
     return expand(list(request.images)) if request.out is not None else []
 
 
-def _size(text: str) -> tuple[int, int]:
-    found = re.fullmatch(r"(\d+)\s*[xX]\s*(\d+)(?:\s*px)?", text.strip())
-    size = (int(found[1]), int(found[2])) if found else (0, 0)
-    # cv2.remap counts pixels in 16 bits.
-    if not all(1 <= n < 2**15 for n in size):
-        raise InputError(f"--size takes WIDTHxHEIGHT in pixels, each 1 to 32767, such as 1280x960; got {text!r}")
-    return size
-
-
 def _source_camera(path: Path, files: Sequence[Path]) -> Camera:
     """The camera in a file; one that holds no image size is for images like the first photo that can be read."""
     from calibrant.detection.images.images import load_image
@@ -165,11 +153,10 @@ def _source_camera(path: Path, files: Sequence[Path]) -> Camera:
 
 def _targets(files: Sequence[Path], request: Request) -> dict[Path, Path]:
     """The file that each photo becomes. Raises: InputError where two become one, or a name says no format."""
-    if request.maps is not None and not request.maps.name.lower().endswith(_MAP_KINDS):
-        raise InputError(f"--maps {request.maps}: the name says the format; expected {', '.join(_MAP_KINDS)}")
+    check_maps(request.maps)
     if request.out is None:
         return {}
-    targets = {file: request.out / _picture_name(file) for file in files}
+    targets = {file: request.out / picture_name(file) for file in files}
     doubled = [path for path, times in Counter(targets.values()).items() if times > 1]
     if doubled:
         sources = ", ".join(str(file) for file, path in targets.items() if path == doubled[0])
@@ -179,16 +166,6 @@ def _targets(files: Sequence[Path], request: Request) -> dict[Path, Path]:
         if path.resolve() in read:
             raise InputError(f"{path} is an input of this command and is left alone; give another folder")
     return targets
-
-
-def _picture_name(file: Path) -> str:
-    """Name of the picture: the photo's; of a video's frame, both names; PNG where OpenCV does not write the format."""
-    from calibrant.detection.images.files import frame_of
-    from calibrant.opencv import cv2
-
-    if frame_of(file) is not None:
-        return f"{file.parent.stem}_{file.name}.png"
-    return file.name if cv2.haveImageWriter(file.name) else f"{file.stem}.png"
 
 
 def _unusable(
@@ -204,7 +181,7 @@ def _unusable(
             try:
                 image = _photo(file, request)
                 turn.require(image)
-                _encoded(np.zeros((8, 8, *image.shape[2:]), image.dtype), target)
+                encoded(np.zeros((8, 8, *image.shape[2:]), image.dtype), target)
             except InputError as error:
                 reasons[file] = str(error)
             step(done, len(targets), file.name)
@@ -231,41 +208,19 @@ def _written(
 
 
 def _picture(turn: Undistortion, file: Path, target: Path, request: Request) -> bytes:
-    return _encoded(turn.apply(_photo(file, request)), target)
-
-
-def _encoded(image: Any, target: Path) -> bytes:
-    from calibrant.opencv import cv2
-
-    jpeg = target.suffix.lower() in (".jpg", ".jpeg", ".jpe")
-    try:
-        ok, data = cv2.imencode(target.suffix, image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY] if jpeg else [])
-    except cv2.error as error:
-        raise InputError(f"cannot write {target} in its format: {error.err}") from None
-    if not ok:
-        raise InputError(f"cannot write {target}: OpenCV does not write such an image as {target.suffix}")
-    return bytes(data)
+    return encoded(turn.apply(_photo(file, request)), target)
 
 
 def _map_bytes(turn: Undistortion, path: Path) -> bytes:
-    """map_u and map_v (h, w), single precision, as cv2.remap takes them: NumPy's archive, or OpenCV's YAML."""
-    import gzip
-    import io
-
+    """map_u and map_v (h, w), single precision, as cv2.remap takes them, and the output camera's matrix."""
     import numpy as np
-
-    from calibrant.opencv import cv2
 
     u, v = (m.astype(np.float32) for m in turn.finite_maps())
     if path.suffix.lower() == ".npz":
-        buffer = io.BytesIO()
-        np.savez_compressed(buffer, map_u=u, map_v=v, K=turn.output.K, image_size=np.array(turn.output.image_size))
-        return buffer.getvalue()
-    storage = cv2.FileStorage("maps.yml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
-    for name, value in (("map_u", u), ("map_v", v), ("camera_matrix", turn.output.K)):
-        storage.write(name, value)
-    text = storage.releaseAndGetString().encode()
-    return gzip.compress(text) if path.suffix.lower() == ".gz" else text
+        return maps_bytes(
+            path, {"map_u": u, "map_v": v, "K": turn.output.K, "image_size": np.array(turn.output.image_size)}
+        )
+    return maps_bytes(path, {"map_u": u, "map_v": v, "camera_matrix": turn.output.K})
 
 
 def _undistorted_result(

@@ -10,9 +10,10 @@ from typing import Any
 import cv2
 import numpy as np
 
+import calibrant as cb
 from calibrant.cameras import Camera
-from calibrant.data import CalibrationResult, RobotPoses
-from calibrant.geometry import so3
+from calibrant.data import CalibrationResult, RobotPoses, as_transform
+from calibrant.geometry import se3, so3
 from calibrant.simulate.cell import poses_csv
 from calibrant.simulate.manhattan import render_room, room
 from calibrant.simulate.noise import noisy_poses
@@ -104,6 +105,21 @@ def _point(files: Files) -> Options:
     }
 
 
+def _pair(files: Files) -> Path:
+    """A calibrated pair, as a result file; its pictures need not show the same."""
+    camera = cb.read(files.camera).camera
+    path = files.folder / "pair.json"
+    place = as_transform("left", "right", se3.make(so3.exp([0.0, -0.02, 0.01]), [0.08, 0.0, 0.0]))
+    CalibrationResult("rig", "ok", cameras={"left": camera, "right": camera}, transforms=(place,)).write(path)
+    return path
+
+
+def _rectify(files: Files) -> Options:
+    left, right = ([files.images / f"0{i}.png"] for i in (0, 1))
+    out = files.folder / "rectified"
+    return {"result": _pair(files), "left": left, "right": right, "out": out, "force": True}
+
+
 def _undistort(files: Files) -> Options:
     straight = files.folder / "straight"
     return {"images": [files.images / "00.png"], "camera": files.camera, "out": straight, "force": True}
@@ -137,6 +153,7 @@ CASES: Mapping[str, Callable[[Files], Options]] = {
     "vanishing": _vanishing,
     "capture": _capture,
     "point": _point,
+    "rectify": _rectify,
     "undistort": _undistort,
     "verify unchanged": _verify_unchanged,
 }

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from calibrant.arrays import Array
     from calibrant.data import CalibrationResult, View
 
+
 def paired(left: Sequence[Path], right: Sequence[Path]) -> tuple[list[tuple[Path, Path]], str]:
     """The pairs, by name, time or order as `paired_images` finds them, and how in words; none of no pictures.
 

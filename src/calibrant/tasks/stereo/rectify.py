@@ -183,8 +183,8 @@ def _corners(
     return both
 
 
-def rectified_result(pair: Rectification, corners: Sequence[Array], request: Request) -> CalibrationResult:
-    """The rectified cameras as a result, with its checks."""
+def rectified_result(pair: Rectification, corners: Sequence[Array], request: Request, how: str) -> CalibrationResult:
+    """The rectified cameras as a result, with its checks. how: the pictures were paired."""
     from calibrant.data import CalibrationResult, Measured, as_transform, verdict_of
     from calibrant.data.details import RectifiedPair
     from calibrant.data.verdicts import stamp

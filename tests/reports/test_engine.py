@@ -16,9 +16,9 @@ from calibrant.diagnose import loop as loops
 from calibrant.diagnose.look import look
 from calibrant.reports.html import report_page
 from calibrant.reports.kinds import registry
-from calibrant.reports.kinds.kind import Kind
 from calibrant.reports.parts.blocks import Column, TextTable, bars
 from calibrant.reports.parts.figures import Fact
+from calibrant.reports.parts.kind import Kind
 from calibrant.reports.terminal import summary
 
 PACKAGE = Path(calibrant.__file__).parent

@@ -12,7 +12,6 @@ from calibrant.cameras import Camera
 from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Check, TransformEstimate
 from calibrant.diagnose.look import Look
 from calibrant.diagnose.loop import LoopView
-from calibrant.reports.kinds.phrases import OWN_OPTIONS
 from calibrant.reports.kinds.registry import kind_of
 from calibrant.reports.parts.blocks import Block
 from calibrant.reports.parts.figures import (
@@ -25,6 +24,7 @@ from calibrant.reports.parts.figures import (
     yaw_pitch_roll_figures,
 )
 from calibrant.reports.parts.numbers import Figure, plain, sigma_text
+from calibrant.reports.parts.phrases import OWN_OPTIONS
 from calibrant.reports.parts.rows import view_rows
 from calibrant.reports.scene import scene
 from calibrant.reports.view_data import page_views

@@ -21,7 +21,6 @@ from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Check, TransformEs
 from calibrant.diagnose.budget.volume import is_workspace_check
 from calibrant.diagnose.look import Look, look
 from calibrant.diagnose.loop import LoopView, by_view
-from calibrant.reports.kinds.phrases import decisions
 from calibrant.reports.kinds.registry import kind_of
 from calibrant.reports.parts.blocks import TextTable
 from calibrant.reports.parts.figures import (
@@ -35,6 +34,7 @@ from calibrant.reports.parts.figures import (
     yaw_pitch_roll_figures,
 )
 from calibrant.reports.parts.numbers import Figure, plain, sigma_text
+from calibrant.reports.parts.phrases import decisions
 from calibrant.reports.parts.rows import ViewRow, view_rows
 from calibrant.reports.words import (
     FEW,

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from calibrant.data import CalibrationResult, Check
-from calibrant.reports.kinds.phrases import focal_known
 from calibrant.reports.kinds.registry import kind_of
+from calibrant.reports.parts.phrases import focal_known
 from calibrant.reports.parts.rows import view_rows
 
 STATUS_WORDS = {"ok": "ok", "warn": "warning", "fail": "FAILED"}

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 from calibrant.data import CalibrationResult
 from calibrant.data.details import Deviations, Fault, Faults
-from calibrant.reports.kinds.kind import Kind
-from calibrant.reports.kinds.phrases import decisions
 from calibrant.reports.parts.blocks import Block, Column, TextTable, bars
 from calibrant.reports.parts.figures import Fact
+from calibrant.reports.parts.kind import Kind
+from calibrant.reports.parts.phrases import decisions
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

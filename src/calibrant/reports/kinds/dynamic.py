@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from calibrant.data import CalibrationResult
-from calibrant.reports.kinds.kind import Kind
-from calibrant.reports.kinds.phrases import first_transform, placed
 from calibrant.reports.parts.figures import Fact, noise_facts
+from calibrant.reports.parts.kind import Kind
 from calibrant.reports.parts.numbers import plain
+from calibrant.reports.parts.phrases import first_transform, placed
 
 SHARE = "variance by "
 """What the names of the shares begin with."""

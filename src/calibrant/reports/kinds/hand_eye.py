@@ -5,11 +5,11 @@ from __future__ import annotations
 from functools import partial
 
 from calibrant.data import CalibrationResult, TransformEstimate
-from calibrant.reports.kinds.kind import Kind
-from calibrant.reports.kinds.phrases import known, placed
 from calibrant.reports.parts.blocks import TextTable
 from calibrant.reports.parts.figures import Fact, noise_facts
+from calibrant.reports.parts.kind import Kind
 from calibrant.reports.parts.numbers import plain
+from calibrant.reports.parts.phrases import known, placed
 from calibrant.reports.parts.robot import robot_tables
 
 UNTOLD = "beside what this arm's own geometry errs by (--robot-accuracy, --identify)"

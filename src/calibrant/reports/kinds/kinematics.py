@@ -5,10 +5,10 @@ from __future__ import annotations
 from functools import partial
 
 from calibrant.data import CalibrationResult
-from calibrant.reports.kinds.kind import Kind
-from calibrant.reports.kinds.phrases import errors, transform_facts, used
 from calibrant.reports.parts.figures import Fact, noise_facts
+from calibrant.reports.parts.kind import Kind
 from calibrant.reports.parts.numbers import plain
+from calibrant.reports.parts.phrases import errors, transform_facts, used
 from calibrant.reports.parts.robot import robot_tables
 
 ROWS = "measurements"

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 from calibrant.data import CalibrationResult
 from calibrant.data.details import ViewPlan
-from calibrant.reports.kinds.kind import Kind
 from calibrant.reports.parts.blocks import Block, Column, TextTable
 from calibrant.reports.parts.figures import Fact
+from calibrant.reports.parts.kind import Kind
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from calibrant.data import CalibrationResult
-from calibrant.reports.kinds.kind import Kind
 from calibrant.reports.parts.figures import Fact
+from calibrant.reports.parts.kind import Kind
 
 
 def _headline(result: CalibrationResult) -> list[Fact]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from calibrant.reports.kinds.kind import Kind
-from calibrant.reports.kinds.phrases import first_transform, placed
+from calibrant.reports.parts.kind import Kind
+from calibrant.reports.parts.phrases import first_transform, placed
 
 KIND = Kind("Target pose", placed, first_transform, said=("weakest", "second-solution"))

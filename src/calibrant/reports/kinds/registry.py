@@ -13,9 +13,7 @@ from calibrant.reports.kinds import (
     kinematics,
     next_pose,
     observations,
-    pointing,
     pose,
-    rectified,
     rig,
     self_visibility,
     stereo,
@@ -25,8 +23,9 @@ from calibrant.reports.kinds import (
     undistorted,
     vanishing,
 )
-from calibrant.reports.kinds.kind import Kind
-from calibrant.reports.kinds.phrases import first_transform, placed
+from calibrant.reports.kinds.eyes import pointing, rectified
+from calibrant.reports.parts.kind import Kind
+from calibrant.reports.parts.phrases import first_transform, placed
 
 KINDS: Mapping[str, Kind] = {
     "intrinsics": intrinsics.KIND,

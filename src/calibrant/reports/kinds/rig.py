@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from calibrant.reports.kinds.kind import Kind
-from calibrant.reports.kinds.phrases import focal_known, placed
+from calibrant.reports.parts.kind import Kind
+from calibrant.reports.parts.phrases import focal_known, placed
 
 KIND = Kind("Rig calibration", placed, focal_known)

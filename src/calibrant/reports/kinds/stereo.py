@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from calibrant.data import CalibrationResult
 from calibrant.data.details import EpipolarErrors
-from calibrant.reports.kinds.kind import Kind
-from calibrant.reports.kinds.phrases import errors, transform_facts, used
 from calibrant.reports.parts.blocks import Column, TextTable
 from calibrant.reports.parts.figures import Fact, noise_facts
+from calibrant.reports.parts.kind import Kind
 from calibrant.reports.parts.numbers import plain, with_sigma
+from calibrant.reports.parts.phrases import errors, transform_facts, used
 
 NOTES = {
     "baseline": "between the cameras' centres, ± 1σ",

@@ -5,10 +5,10 @@ from __future__ import annotations
 from math import isfinite
 
 from calibrant.data import CalibrationResult
-from calibrant.reports.kinds.kind import Kind
-from calibrant.reports.kinds.phrases import placed
 from calibrant.reports.parts.figures import Fact, noise_facts
+from calibrant.reports.parts.kind import Kind
 from calibrant.reports.parts.numbers import sigma_text, with_sigma
+from calibrant.reports.parts.phrases import placed
 
 
 def _offset(result: CalibrationResult) -> list[Fact]:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from calibrant.data import CalibrationResult
 from calibrant.data.details import TouchedPoint
-from calibrant.reports.kinds.kind import Kind
-from calibrant.reports.kinds.phrases import errors, first_transform, transform_facts, used
 from calibrant.reports.parts.blocks import Column, TextTable
 from calibrant.reports.parts.figures import Fact, noise_facts
+from calibrant.reports.parts.kind import Kind
 from calibrant.reports.parts.numbers import plain
+from calibrant.reports.parts.phrases import errors, first_transform, transform_facts, used
 
 ROWS = "poses"
 

@@ -10,9 +10,9 @@ import numpy as np
 from calibrant.data import CalibrationResult
 from calibrant.data.details import Changes, PhotoShift
 from calibrant.percent import percent
-from calibrant.reports.kinds.kind import Kind
 from calibrant.reports.parts.blocks import Block, Column, TextTable
 from calibrant.reports.parts.figures import Fact
+from calibrant.reports.parts.kind import Kind
 from calibrant.reports.parts.numbers import with_sigma
 
 if TYPE_CHECKING:

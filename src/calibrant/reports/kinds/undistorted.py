@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from calibrant.data import CalibrationResult
 from calibrant.data.details import PictureRegion
-from calibrant.reports.kinds.kind import Kind
-from calibrant.reports.kinds.phrases import focal_facts, used
 from calibrant.reports.parts.figures import Fact
+from calibrant.reports.parts.kind import Kind
 from calibrant.reports.parts.numbers import plain
+from calibrant.reports.parts.phrases import focal_facts, used
 
 
 def _facts(result: CalibrationResult) -> list[Fact]:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from calibrant.data import CalibrationResult
-from calibrant.reports.kinds.kind import Kind
-from calibrant.reports.kinds.phrases import errors, transform_facts
 from calibrant.reports.parts.figures import Fact
+from calibrant.reports.parts.kind import Kind
 from calibrant.reports.parts.numbers import sigma_text
+from calibrant.reports.parts.phrases import errors, transform_facts
 
 
 def _answer(result: CalibrationResult) -> str:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from calibrant.data import CalibrationResult
 from calibrant.data.details import RectifiedPair
-from calibrant.reports.kinds.kind import Kind
 from calibrant.reports.parts.figures import Fact
+from calibrant.reports.parts.kind import Kind
 from calibrant.reports.parts.numbers import plain
 
 

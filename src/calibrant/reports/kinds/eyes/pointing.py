@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from calibrant.data import CalibrationResult
 from calibrant.data.details import PointedSpot
-from calibrant.reports.kinds.kind import Kind
 from calibrant.reports.parts.figures import Fact, noise_facts
+from calibrant.reports.parts.kind import Kind
 from calibrant.reports.parts.numbers import sigma_text, with_sigma
 
 

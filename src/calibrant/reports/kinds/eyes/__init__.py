@@ -1,0 +1,1 @@
+"""Kinds of what two eyes see: rectified pictures, depth, a pointing finger."""

@@ -96,6 +96,7 @@ def calibrate_cell(
     model: ForEach = MODEL,
     fix: FixForEach = (),
     robot_accuracy: Mapping[str, Accuracy] | Accuracy | None = None,
+    rigid: Sequence[Sequence[str]] = (),
 ) -> CalibrationResult:
     """Find where all cameras, targets and robots are, from one weighted problem.
 
@@ -106,7 +107,9 @@ def calibrate_cell(
     calibrated from their pictures, with one `model` and `fix` for all or by name, starting where `initial` has them (by
     name). joints, what the joints read at the poses' ids: then `identify` (offsets, gear, coupling, geometry) is found
     too. robot_accuracy: how far the flange is off, rms, of the robot or by robot: metres, "0.3mm", or "0.3mm,0.02deg";
-    errors of its geometry are then in every sigma. Returns a result of kind "hand-eye" with a transform a camera, its
+    errors of its geometry are then in every sigma. rigid: names of handheld targets that are fixed to each other, group
+    by group: cameras that never see the same one at once are tied through them, and one camera measures how they stand.
+    Returns a result of kind "hand-eye" with a transform a camera, its
     `joint_covariance` over all transforms, and T_a_b of every two cameras on the same body.
     Raises: InputError for unusable input; RefusedError naming what the pictures do not determine, or contradict.
 
@@ -128,10 +131,12 @@ def calibrate_cell(
         model=model,
         fix=fix,
         accuracies=told,
+        rigid=rigid,
     )
     asked = lenses_asked(fix, initial)
     asked |= {"identify": list(identify)} if fit.cell.free else {}
     asked |= accuracies_asked(told)
+    asked |= {"rigid": [list(group) for group in rigid]} if rigid else {}
     return judged_cell(fit, asked)
 
 
@@ -172,6 +177,7 @@ def fit_cell(
     times: Mapping[str, float] | None = None,
     time_offsets: bool = False,
     readout: bool = False,
+    rigid: Sequence[Sequence[str]] = (),
 ) -> CellFit:
     """The fit behind `calibrate_cell`; arguments and errors as there. reference: the root camera of a rig; together:
     cameras that their own views need not determine (`LensChoice`); times, time_offsets, readout: as `calibrate_rig` has
@@ -180,7 +186,7 @@ def fit_cell(
     expect(pictures, (list, tuple), "pictures", "a list of Pictures, one for each camera, robot and setup")
     for one in pictures:
         expect(one, Pictures, "one of pictures", "Pictures")
-    where = layout(robots, _with_own_ids(pictures), reference)
+    where = layout(robots, _with_own_ids(pictures), reference, rigid)
     for name in accuracies or {}:
         if name not in where.robots:
             there = ", ".join(where.robots)

@@ -77,9 +77,8 @@ def refined_with_clocks(
     noise: NoiseEstimate | None = None
     for _ in range(MOST_ROUNDS):
         motions = _motions(cell, solution, asked.times)
-        timed, places = _told(
-            replace(cell, clocks=Clocks(asked.times, terms, at, motions)), fitted_places(cell, solution)
-        )
+        clocks = Clocks(asked.times, terms, at, motions, _carried(cell, solution))
+        timed, places = _told(replace(cell, clocks=clocks), fitted_places(cell, solution))
         noise = estimate_noise(
             cell_problem(timed, places, dict(solution.sigmas)), floors=timed.floors(), options=NEARLY_UNDAMPED
         )
@@ -87,7 +86,8 @@ def refined_with_clocks(
         at = {camera: solution.value(clock_variable(camera))[0] for camera in terms}
         if _still(solution, before, at):
             break
-    return refined(replace(cell, clocks=Clocks(asked.times, terms, at, motions)), fitted_places(cell, solution), spread)
+    clocks = Clocks(asked.times, terms, at, motions, _carried(cell, solution))
+    return refined(replace(cell, clocks=clocks), fitted_places(cell, solution), spread)
 
 
 def clocks_found(cell: Cell, solution: Solution) -> CameraClocks | None:
@@ -116,7 +116,7 @@ def suspected_clocks(cell: Cell, solution: Solution) -> CameraClocks | None:
     asked = ClocksAsked(cell.times, offsets=True)
     terms = asked.terms(cell.layout)
     at: dict[str, Array] = {camera: np.zeros(len(words)) for camera, words in terms.items()}
-    clocks = Clocks(asked.times, terms, at, _motions(cell, solution, asked.times))
+    clocks = Clocks(asked.times, terms, at, _motions(cell, solution, asked.times), _carried(cell, solution))
     try:
         timed, places = _told(replace(cell, clocks=clocks), fitted_places(cell, solution))
     except RefusedError:
@@ -142,6 +142,12 @@ def _motions(cell: Cell, solution: Solution, times: Mapping[str, float]) -> dict
     }
 
 
+def _carried(cell: Cell, solution: Solution) -> dict[str, Array]:
+    """T_carrier_target of the targets that another carries, by frame."""
+    rigid = [(group[0], name) for group in cell.layout.rigid for name in group[1:]]
+    return {name: solution.value(variable((carrier, name)))[0] for carrier, name in rigid}
+
+
 def _told(cell: Cell, places: Mapping[Frame, Array]) -> tuple[Cell, dict[Frame, Array]]:
     """The cell without the views whose target's motion is not told, and the places of the moments that are left."""
     clocks, layout = cell.clocks, cell.layout
@@ -149,7 +155,7 @@ def _told(cell: Cell, places: Mapping[Frame, Array]) -> tuple[Cell, dict[Frame, 
         return cell, dict(places)
     data: list[HandEyeViews] = []
     for _, p, d in cell.lists:
-        motion = clocks.motions[layout.target(p)]
+        motion = clocks.motions[layout.carrier(p)]
         known = dict(zip(motion.moments, motion.known.tolist()))
         odd = d.use & np.array([not known.get(m, False) for m in d.ids])
         data.append(d.without(odd, [NO_NEIGHBOUR] * len(d)) if p.camera in clocks.terms and odd.any() else d)

@@ -224,12 +224,13 @@ def _rig_checks(cell: Cell, start: CellStart, noise: NoiseEstimate) -> tuple[Che
         return ()
     levels = [cell.pixel_level(noise.levels, c) for c in cell.roles]
     own = pooled([replace(level, sigma=cell.own_sigma_px(c)) for c, level in zip(cell.roles, levels)])
-    shared, together = questions.shared_moments_check(start.pairs), pooled(levels)
+    together = pooled(levels)
+    shared = (questions.shared_moments_check(start.pairs),) if start.pairs else ()  # none in a rig of one camera
     if cell.clocks is None and questions.loose_rig(together, own):
-        return shared, questions.rigidity_check(together, own, suspected_clocks(cell, noise.solution))
+        return *shared, questions.rigidity_check(together, own, suspected_clocks(cell, noise.solution))
     found = clocks_found(cell, noise.solution)
     rigidity = questions.rigidity_check(together, own)
-    return (shared, rigidity) if found is None else (shared, rigidity, questions.clocks_check(found))
+    return (*shared, rigidity) if found is None else (*shared, rigidity, questions.clocks_check(found))
 
 
 def _joints(cell: Cell, solution: Solution, robot: str) -> Check:
@@ -338,7 +339,7 @@ def _seen(cell: Cell, solution: Solution, i: int) -> list[tuple[Array, Array]]:
     found, p = seen_in_fit(solution, pictures_factor(i)), cell.layout.pictures[i]
     if cell.clocks is None or p.camera not in cell.clocks.terms:
         return found
-    moved = cell.clocks.lateness(p.camera, cell.layout.target(p), cell.used_ids(i))
+    moved = cell.clocks.lateness(p.camera, cell.layout.carrier(p), cell.layout.target(p), cell.used_ids(i))
     return [(squares, T @ D) for (squares, T), D in zip(found, moved)]
 
 

@@ -1,7 +1,7 @@
 """What all that a rig saw at one moment errs alike by: clocks that jitter, a target that moved, a bent board.
 
 A moment is one cluster: its pictures share the target's pose, and whatever disturbs one of them moves all points that
-it shows. By the influence of every residual on each camera's place (`optimize.clusters`: scores z_g of n moments,
+it shows. By the influence of every residual on each place (`optimize.clusters`: scores z_g of n moments,
 E sum |z_g|^2 = p where residuals are independent)
 
     k_c = sum_g |z_g|^2 / p,      k = 1 + max(mean_c k_c - 1, 0) (t / 1.96)^2,
@@ -41,11 +41,11 @@ def moment_errors(cell: Cell, solution: Solution, *, sigma_px: float) -> MomentE
     solution: with what was added before. sigma_px: the noise of the points.
     """
     plain = replace(solution, around=(), beside=None)
-    frames = [f for f in cell.layout.unknown if f[1] in cell.layout.cameras]
+    frames = cell.layout.unknown
     moments = {m: k for k, m in enumerate(dict.fromkeys(m for i, _, _ in cell.lists for m in cell.used_ids(i)))}
     if sigma_px < ROUNDING_PX or len(moments) < LEAST_CLUSTERS or not frames:
         return None
-    found = [_of_camera(cell, plain, f, moments) for f in frames]
+    found = [_of_place(cell, plain, f, moments) for f in frames]
     sizes = [float(np.sum(c.scores**2)) / c.scores.shape[1] for c in found]
     free = max(min(float(np.mean([c.freedom for c in found])), len(moments) - 1), LEAST_CLUSTERS - 1)
     needed = 1 + max(float(np.mean(sizes)) - 1, 0.0) * (t_interval(free) / NORMAL_95) ** 2
@@ -56,14 +56,14 @@ def moment_errors(cell: Cell, solution: Solution, *, sigma_px: float) -> MomentE
 
 
 def _grown(plain: Solution, solution: Solution, frame: Frame) -> float:
-    """Variance of a camera's place, over that of independent points, averaged over its directions."""
+    """Variance of a place, over that of independent points, averaged over its directions."""
     _, inverse = square_root(plain.covariance(variable(frame)))
     beside = replace(solution, around=()).covariance(variable(frame))
     return float(np.trace(inverse @ beside @ inverse.T)) / len(inverse)
 
 
-def _of_camera(cell: Cell, plain: Solution, frame: Frame, moments: dict[str, int]) -> Clusters:
-    """The scores of all moments on a camera's place."""
+def _of_place(cell: Cell, plain: Solution, frame: Frame, moments: dict[str, int]) -> Clusters:
+    """The scores of all moments on a place."""
     root, inverse = square_root(plain.covariance(variable(frame)))
     p = root.shape[1]
     sums, G = np.zeros((len(moments), p)), np.zeros((len(moments), p, p))

@@ -15,7 +15,7 @@ is that of the last fit: the fit is made again until the clocks stand still (`ce
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -40,6 +40,16 @@ class Motion:
     velocity: Array
     acceleration: Array
     known: Mask
+
+    def of_carried(self, T_carrier_target: Array) -> Motion:
+        """The motion of what this one's target carries: a point off it is swept along, t' = t + R x,
+        v' = v + omega x R x, a' = a + alpha x R x + omega x (omega x R x)."""
+        arm = self.T[:, :3, :3] @ T_carrier_target[:3, 3]
+        omega, alpha = self.velocity[:, :3], self.acceleration[:, :3]
+        velocity, acceleration = self.velocity.copy(), self.acceleration.copy()
+        velocity[:, 3:] += np.cross(omega, arm)
+        acceleration[:, 3:] += np.cross(alpha, arm) + np.cross(omega, np.cross(omega, arm))
+        return replace(self, T=self.T @ T_carrier_target, velocity=velocity, acceleration=acceleration)
 
     def rows(self, moments: Sequence[str]) -> Array:
         """Positions of these moments."""
@@ -87,31 +97,38 @@ class Clocks:
     """What is asked of clocks, and where they stand.
 
     times: seconds by moment; terms: by camera, which of offset and readout are unknown; at: their values, seconds, in
-    the order of the terms; motions: by the frame of the handheld target.
+    the order of the terms; motions: by the frame of the handheld target; carried: T_carrier_target of those that one
+    carries, by frame.
     """
 
     times: Mapping[str, float]
     terms: Mapping[str, tuple[str, ...]]
     at: Mapping[str, Array]
     motions: Mapping[str, Motion]
+    carried: Mapping[str, Array] = field(default_factory=dict)
 
     def variable(self, camera: str) -> Variable:
         """The unknown of a camera's clock."""
         names = tuple(f"{term} of {camera}" for term in self.terms[camera])
         return Variable(clock_variable(camera), Euclidean(names), self.at[camera][None], words="the clock of")
 
-    def lateness(self, camera: str, target: str, moments: Sequence[str]) -> Array:
+    def _motion(self, carrier: str, target: str) -> Motion:
+        """The motion of a target: its carrier's, with what is between them."""
+        motion, between = self.motions[carrier], self.carried.get(target)
+        return motion if between is None else motion.of_carried(between)
+
+    def lateness(self, camera: str, carrier: str, target: str, moments: Sequence[str]) -> Array:
         """T_m^-1 T(t_m + tau) (n, 4, 4): how the target had moved when the camera took its picture of each moment."""
-        motion = self.motions[target]
+        motion = self._motion(carrier, target)
         row, tau = motion.rows(moments), sum(a for a, t in zip(self.at[camera], self.terms[camera]) if t == OFFSET)
         delta = motion.velocity[row] * tau + motion.acceleration[row] * (tau * tau / 2)
         return np.asarray(se3.inverse(motion.T[row]) @ se3.retract(motion.T[row], delta))
 
     def displaced(
-        self, camera: str, target: str, moments: Sequence[str], views: StackedViews, height: int
+        self, camera: str, carrier: str, target: str, moments: Sequence[str], views: StackedViews, height: int
     ) -> tuple[StackedViews, TargetModes]:
         """The views' points less their modes at where the clock stands, and the modes: exact there, tangent beside."""
-        motion, terms = self.motions[target], self.terms[camera]
+        motion, terms = self._motion(carrier, target), self.terms[camera]
         row = motion.rows(moments)[np.repeat(np.arange(len(moments)), np.diff(views.offsets))]
         late = np.stack([np.ones(len(row)) if term == OFFSET else views.uv[:, 1] / height - 0.5 for term in terms])
         dt = self.at[camera] @ late

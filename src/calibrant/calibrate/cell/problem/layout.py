@@ -3,20 +3,20 @@
     eye-in-hand  T_camera_target = T_gripper_camera^-1 T_base_gripper^-1 [T_root_base^-1] T_root_target
     eye-to-hand  T_camera_target = T_root_camera^-1 [T_root_base] T_base_gripper T_gripper_target
     standing     T_camera_target = T_root_camera^-1 T_root_target
-    handheld     T_camera_target = [T_root_camera^-1] T_root_target(moment)
+    handheld     T_camera_target = [T_root_camera^-1] T_root_carrier(moment) [T_carrier_target]
     hand-to-hand T_camera_target = T_gripper_camera^-1 T_base_gripper^-1 T_root_base^-1
                    T_root_base' T_base'_gripper' T_gripper'_target        (' of the other robot)
 
 A single camera on a single robot is a cell of one list. The root is the first robot's base; [T_root_base] is there for
 every other robot. A rig is a cell without robots: its root is a camera, which has no [T_root_camera] then, and a
-handheld target is somewhere else at every moment. What stands still is one unknown in the root, what a robot carries is
-one in its gripper: cameras that see the same target, robots that carry or show one to the same camera, share these
-unknowns, and through them their errors.
+handheld target is somewhere else at every moment; of several that are fixed to each other the first is the carrier.
+What stands still is one unknown in the root, what a robot carries is one in its gripper: cameras that see the same
+target, robots that carry or show one to the same camera, share these unknowns, and through them their errors.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -149,12 +149,14 @@ class Pictures:
 class Layout:
     """The frames of a cell: robots by name, and the pictures taken there.
 
-    reference: the camera whose frame is the root where there are no robots; by default the first.
+    reference: the camera whose frame is the root where there are no robots; by default the first. rigid: names of
+    handheld targets that are fixed to each other, group by group; the first of a group is the others' carrier.
     """
 
     robots: Mapping[str, RobotPoses]
     pictures: tuple[Pictures, ...]
     reference: str = ""
+    rigid: tuple[tuple[str, ...], ...] = ()
 
     def __post_init__(self) -> None:
         self._check_rig()
@@ -182,12 +184,26 @@ class Layout:
                 f"{by_hand[0].words}: a handheld target goes with no robots and no other setup; calibrate the cameras "
                 "that see it apart from the cell"
             )
-        if self.rig and len(self.cameras) < 2:
+        self._check_rigid({p.target for p in by_hand})
+        if self.rig and len(self.cameras) < 2 and not self.rigid:
             raise InputError(
                 f"a rig has two cameras or more, the pictures are of {len(self.cameras)}: {', '.join(self.cameras)}"
             )
         if self.reference and self.reference not in self.cameras:
             raise InputError(f"no camera {self.reference!r} in the pictures; known: {', '.join(self.cameras)}")
+
+    def _check_rigid(self, handheld: Collection[str]) -> None:
+        grouped = [name for group in self.rigid for name in group]
+        unknown = [name for name in grouped if name not in handheld]
+        if unknown:
+            raise InputError(
+                f"no pictures of a handheld target {unknown[0]!r}, which is to be fixed to others; there are "
+                f"{', '.join(sorted(handheld)) or 'none'}"
+            )
+        twice = [name for name in grouped if grouped.count(name) > 1]
+        if twice or any(len(group) < 2 for group in self.rigid):
+            what = f"{twice[0]!r} is in two places" if twice else "there is a group of one"
+            raise InputError(f"targets that are fixed to each other: {what}; name each once, two or more a group")
 
     @property
     def rig(self) -> bool:
@@ -237,6 +253,10 @@ class Layout:
         parents = {self.target_parent(q) for q in self.pictures if q.target == p.target}
         return p.target if len(parents) == 1 else f"{self.target_parent(p)}_{p.target}"
 
+    def carrier(self, p: Pictures) -> str:
+        """Frame of the target that p's is fixed to: its own, where it is fixed to none."""
+        return next((group[0] for group in self.rigid if p.target in group), self.target(p))
+
     @property
     def targets(self) -> tuple[str, ...]:
         """Frames of all targets."""
@@ -252,13 +272,14 @@ class Layout:
         """The transforms to be found: cameras, targets, the other robots' bases."""
         cameras = {(self.camera_parent(p), p.camera): None for p in self.pictures if p.camera != self.root}
         targets = {(self.target_parent(p), self.target(p)): None for p in self.pictures if not p.handheld}
+        rigid = [(group[0], name) for group in self.rigid for name in group[1:]]
         bases = [(self.root, self.base(r)) for r in self.robots if self.base(r) != self.root]
-        return (*cameras, *targets, *bases)
+        return (*cameras, *targets, *rigid, *bases)
 
     @property
     def handheld(self) -> tuple[Frame, ...]:
-        """Targets that are somewhere else at every moment: one unknown each."""
-        return tuple(dict.fromkeys((self.root, self.target(p)) for p in self.pictures if p.handheld))
+        """Targets that are somewhere else at every moment: one unknown each, but for those that another carries."""
+        return tuple(dict.fromkeys((self.root, self.carrier(p)) for p in self.pictures if p.handheld))
 
     def label(self, i: int) -> str:
         """What tells list i from the others; empty for the only one."""
@@ -280,14 +301,19 @@ class Layout:
 
     def links(self, p: Pictures, rows: Mapping[str, Indices], count: int) -> list[Link]:
         """T_camera_target of `count` views at rows (count,) of the poses of each robot between camera and target, or,
-        by the target's name, of the moments of one that is handheld."""
+        by its name, of the moments of a handheld target's carrier."""
         once = np.zeros(count, dtype=np.int64)
         camera = self._reach(p.camera_robot, rows, once)
         if p.camera != self.root:
             camera.append(Link(variable((self.camera_parent(p), p.camera)), once))
         target = self._reach(p.target_robot, rows, once)
-        at = rows[p.target] if p.handheld else once
-        target.append(Link(variable((self.target_parent(p), self.target(p))), at))
+        if p.handheld:
+            carrier = self.carrier(p)
+            target.append(Link(variable((self.root, carrier)), rows[carrier]))
+            if carrier != self.target(p):
+                target.append(Link(variable((carrier, self.target(p))), once))
+        else:
+            target.append(Link(variable((self.target_parent(p), self.target(p))), once))
         return [*(replace(k, inverted=True) for k in reversed(camera)), *target]
 
     def _reach(self, robot: str | None, rows: Mapping[str, Indices], once: Indices) -> list[Link]:
@@ -319,7 +345,12 @@ def poses_variable(robot: str) -> str:
     return f"poses of {robot}"
 
 
-def layout(robots: Mapping[str, RobotPoses] | RobotPoses, pictures: Sequence[Pictures], reference: str = "") -> Layout:
+def layout(
+    robots: Mapping[str, RobotPoses] | RobotPoses,
+    pictures: Sequence[Pictures],
+    reference: str = "",
+    rigid: Sequence[Sequence[str]] = (),
+) -> Layout:
     """The layout of a cell. Raises: InputError for names that do not fit, no pictures, no robots where any is named."""
     expect(robots, (RobotPoses, Mapping), "robots", "RobotPoses, or those of each robot by its name")
     named = {ONLY_ROBOT: robots} if isinstance(robots, RobotPoses) else dict(robots)
@@ -330,4 +361,4 @@ def layout(robots: Mapping[str, RobotPoses] | RobotPoses, pictures: Sequence[Pic
             "nothing to calibrate: give the poses of one robot or more, and the pictures of each camera; cameras "
             f"without a robot see a target that is {HANDHELD}"
         )
-    return Layout(named, tuple(pictures), reference)
+    return Layout(named, tuple(pictures), reference, tuple(tuple(group) for group in rigid))

@@ -106,10 +106,11 @@ class Cell:
 
     def rows(self, i: int) -> dict[str, Rows]:
         """At which of its moments list i's used views saw each robot between camera and target, by the robot's name;
-        or the target, by the target's, where that is handheld."""
+        or the carrier of a handheld target, by its frame."""
         p, ids = self.layout.pictures[i], self.used_ids(i)
         if p.handheld:
-            return {p.target: places(moments_by_hand(self.layout, self.data, self.layout.target(p)), ids)}
+            carrier = self.layout.carrier(p)
+            return {carrier: places(moments_by_hand(self.layout, self.data, carrier), ids)}
         return {robot: places(self.moments(robot), ids) for robot in p.movers}
 
     def kept(self, keep: Sequence[Mask]) -> Cell:
@@ -237,7 +238,8 @@ def _list_factors(cell: Cell, i: int, *, scale: bool) -> list[Factor]:
     modes = None if size is None else TargetModes(size, stacked.points[None])
     if cell.clocks is not None and p.camera in cell.clocks.terms:
         height = cell.roles[p.camera].camera.image_size[1]
-        stacked, modes = cell.clocks.displaced(p.camera, cell.layout.target(p), ids, stacked, height)
+        frames = p.camera, cell.layout.carrier(p), cell.layout.target(p)
+        stacked, modes = cell.clocks.displaced(*frames, ids, stacked, height)
     seen = _reprojection(cell, p, links, stacked, name=pictures_factor(i), modes=modes)
     carried = [v.carried for v in cell.used_views(i) if v.carried is not None]
     return [seen] if len(carried) < len(ids) else [_carried(cell, i, seen, carried)]
@@ -312,9 +314,9 @@ def _add_robot(cell: Cell, robot: str, variables: list[Variable], factors: list[
     factors += free.factors(name, geometry, errors, rows, noise=(rotation, translation, joint_group(robot)))
 
 
-def moments_by_hand(layout: Layout, data: Sequence[HandEyeViews], target: str) -> tuple[str, ...]:
-    """Moments at which a handheld target, by its frame, was seen in any view that is used."""
-    lists = [d for p, d in zip(layout.pictures, data) if p.handheld and layout.target(p) == target]
+def moments_by_hand(layout: Layout, data: Sequence[HandEyeViews], carrier: str) -> tuple[str, ...]:
+    """Moments at which a handheld target, by its frame, or one that it carries was seen in any view that is used."""
+    lists = [d for p, d in zip(layout.pictures, data) if p.handheld and layout.carrier(p) == carrier]
     return tuple(dict.fromkeys(name for d in lists for name, use in zip(d.ids, d.use) if use))
 
 

@@ -1,14 +1,19 @@
-"""The closed-form start of a rig: cameras fixed to each other that see one handheld target at the same moments.
+"""The closed-form start of a rig: cameras fixed to each other, and targets that are moved before them.
 
-Every camera is calibrated alone; pairs of cameras that saw a target at the same moments give their relative pose,
-T_a_b = T_a_target T_b_target^-1; the pairs with the most shared moments form a spanning tree that leads from the
-reference camera to every other.
+Every camera is calibrated alone. From the reference camera on, whatever is tied to what is known already by the most
+moments is placed next, by the mean of what these moments say that agree:
+
+    a camera that sees a target known by now  T_root_camera = T_root_carrier T_carrier_target T_camera_target^-1
+    a target on a carrier, seen by one placed  T_carrier_target = T_root_carrier^-1 T_root_camera T_camera_target
+
+Where a camera sees only targets of a carrier that no placed camera sees beside it, both are unknown, and the motion
+that the carrier makes tells them, T_root_carrier X T_camera_target^-1 = Z: the problem of hand and eye.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,18 +22,19 @@ from calibrant.calibrate.cell.problem.layout import Frame, Layout
 from calibrant.calibrate.cell.problem.problem import moments_by_hand
 from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.calibrate.cell.starts.medoid import robust_mean
+from calibrant.calibrate.solvers.registry import get_solver
 from calibrant.errors import RefusedError
 from calibrant.geometry import se3
 
 Moment = tuple[str, str]
-"""A target's frame, and the moment."""
-Poses = Mapping[str, Mapping[Moment, Array]]
-"""T_camera_target by camera and moment."""
+"""A carrier's frame, and the moment."""
+LEAST_MOVED = 3
+"""Poses that a hand-eye problem needs: two motions about different axes."""
 
 
 @dataclass(frozen=True, eq=False)
 class CameraPair:
-    """Two cameras that saw a target at the same moments, and their relative pose from those."""
+    """Two cameras that saw a target, or targets fixed to each other, at the same moments, and their relative pose."""
 
     a: str
     b: str
@@ -36,54 +42,131 @@ class CameraPair:
     T_a_b: Array
 
 
-def handheld_start(layout: Layout, data: Sequence[HandEyeViews]) -> tuple[dict[Frame, Array], tuple[CameraPair, ...]]:
-    """The cameras' places (4, 4) in the root, the handheld targets' (m, 4, 4) by moment, and the pairs that led there.
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What a camera saw of one target: T_camera_target by carrier and moment."""
 
-    Raises: RefusedError naming the cameras that share no moment with the rest.
+    camera: str
+    carrier: str
+    target: str
+    poses: Mapping[Moment, Array]
+
+
+@dataclass(eq=False)
+class _Placed:
+    """What is known so far, in the root: cameras; targets on their carrier; carriers by moment, and who saw them."""
+
+    cameras: dict[str, Array]
+    targets: dict[str, Array]
+    carriers: dict[Moment, Array] = field(default_factory=dict)
+    seen_by: dict[Moment, list[str]] = field(default_factory=dict)
+
+    def learn(self, seen: Sequence[_Seen]) -> None:
+        """Where carriers are by what placed cameras see of placed targets."""
+        self.carriers.clear()
+        self.seen_by.clear()
+        for s in seen:
+            if s.camera in self.cameras and s.target in self.targets:
+                back = se3.inverse(self.targets[s.target])
+                for moment, T in s.poses.items():
+                    # One camera's word is start enough: they differ by less than a step of the refinement.
+                    self.carriers.setdefault(moment, self.cameras[s.camera] @ T @ back)
+                    self.seen_by.setdefault(moment, []).append(s.camera)
+
+    def shared(self, s: _Seen) -> list[Moment]:
+        """Moments of s at which its carrier's place is known."""
+        return [m for m in s.poses if m in self.carriers]
+
+
+def handheld_start(layout: Layout, data: Sequence[HandEyeViews]) -> tuple[dict[Frame, Array], tuple[CameraPair, ...]]:
+    """The cameras' places (4, 4) in the root, targets' on their carriers, the carriers' (m, 4, 4) by moment, and the
+    pairs of cameras that led there.
+
+    Raises: RefusedError naming the cameras, or the targets, that share no moment with the rest.
     """
-    poses = _poses_by_moment(layout, data)
-    T_root: dict[str, Array] = {layout.root: np.eye(4)}
+    seen = _seen(layout, data)
+    placed = _Placed({layout.root: np.eye(4)}, {s.carrier: np.eye(4) for s in seen})
     tree: list[CameraPair] = []
-    while len(T_root) < len(poses):
-        pair = _best_pair(poses, T_root)
-        if pair is None:
-            apart = ", ".join(n for n in poses if n not in T_root)
-            raise RefusedError(
-                f"the rig falls apart: {apart} saw the target at no moment together with {', '.join(T_root)}; "
-                "take pictures in which both see the board, or check that simultaneous views carry the same moment"
-            )
-        T_root[pair.b] = T_root[pair.a] @ pair.T_a_b
-        tree.append(pair)
-    places: dict[Moment, Array] = {}
-    for camera, by_moment in poses.items():
-        # One camera's word is start enough: they differ by less than a step of the refinement.
-        places = dict(zip(by_moment, T_root[camera] @ np.stack(list(by_moment.values())))) | places
-    transforms = {(root, camera): T_root[camera] for root, camera in layout.unknown}
-    for root, target in layout.handheld:
-        transforms[root, target] = np.stack([places[target, m] for m in moments_by_hand(layout, data, target)])
+    while True:
+        placed.learn(seen)
+        open_ = [s for s in seen if (s.camera in placed.cameras) != (s.target in placed.targets)]
+        best = max(open_, key=lambda s: len(placed.shared(s)), default=None)
+        if best is not None and placed.shared(best):
+            _place(placed, best, [s for s in open_ if (s.camera, s.target) == (best.camera, best.target)], tree)
+        elif not _placed_by_motion(placed, seen, tree):
+            break
+    _require_all(layout, placed, seen)
+    transforms = {f: placed.cameras[f[1]] if f[0] == layout.root else placed.targets[f[1]] for f in layout.unknown}
+    for root, carrier in layout.handheld:
+        moments = moments_by_hand(layout, data, carrier)
+        transforms[root, carrier] = np.stack([placed.carriers[carrier, m] for m in moments])
     return transforms, tuple(tree)
 
 
-def _poses_by_moment(layout: Layout, data: Sequence[HandEyeViews]) -> Poses:
-    poses: dict[str, dict[Moment, Array]] = {camera: {} for camera in layout.cameras}
+def _seen(layout: Layout, data: Sequence[HandEyeViews]) -> list[_Seen]:
+    """By camera and target; a camera's lists of one target are one."""
+    poses: dict[tuple[str, str, str], dict[Moment, Array]] = {}
     for p, d in zip(layout.pictures, data):
-        frame = layout.target(p)
-        poses[p.camera] |= {(frame, m): T for m, T, use in zip(d.ids, d.B, d.use) if use}
-    return poses
+        key = (p.camera, layout.carrier(p), layout.target(p))
+        poses.setdefault(key, {}).update({(key[1], m): T for m, T, use in zip(d.ids, d.B, d.use) if use})
+    return [_Seen(*key, found) for key, found in poses.items()]
 
 
-def _best_pair(poses: Poses, placed: Mapping[str, Array]) -> CameraPair | None:
-    """The camera not placed yet that shares the most moments with a placed one."""
-    best: tuple[str, str, list[Moment]] | None = None
-    for a in placed:
-        for b in poses:
-            if b in placed:
-                continue
-            shared = [m for m in poses[a] if m in poses[b]]
-            if shared and (best is None or len(shared) > len(best[2])):
-                best = (a, b, shared)
-    if best is None:
-        return None
-    a, b, shared = best
-    Ta, Tb = (np.stack([poses[n][m] for m in shared]) for n in (a, b))
-    return CameraPair(a, b, len(shared), robust_mean(Ta @ se3.inverse(Tb)))
+def _place(placed: _Placed, best: _Seen, same: Sequence[_Seen], tree: list[CameraPair]) -> None:
+    """Place the camera or the target of what is tied best; a camera by all targets that say where it is."""
+    if best.target in placed.targets:
+        mine = [s for s in same if s.camera == best.camera]
+        T = np.stack([placed.carriers[m] @ placed.targets[s.target] @ se3.inverse(s.poses[m])
+                      for s in mine for m in placed.shared(s)])  # fmt: skip
+        placed.cameras[best.camera] = robust_mean(T)
+        _note(placed, best.camera, [m for s in mine for m in placed.shared(s)], tree)
+        return
+    moments = placed.shared(best)
+    carriers = np.stack([placed.carriers[m] for m in moments])
+    found = se3.inverse(carriers) @ placed.cameras[best.camera] @ np.stack([best.poses[m] for m in moments])
+    placed.targets[best.target] = robust_mean(found)
+
+
+def _note(placed: _Placed, camera: str, moments: Sequence[Moment], tree: list[CameraPair]) -> None:
+    """The camera's pair: with the placed one that shares the most of these moments."""
+    others = [a for m in moments for a in placed.seen_by[m]]
+    partner = max(dict.fromkeys(others), key=others.count)
+    T = se3.inverse(placed.cameras[partner]) @ placed.cameras[camera]
+    tree.append(CameraPair(partner, camera, len({m for m in moments if partner in placed.seen_by[m]}), T))
+
+
+def _placed_by_motion(placed: _Placed, seen: Sequence[_Seen], tree: list[CameraPair]) -> bool:
+    """Place a camera and the target that it sees by the motion of the carrier; False where no motion tells one."""
+    open_ = [s for s in seen if s.camera not in placed.cameras and s.target not in placed.targets]
+    for s in sorted(open_, key=lambda s: -len(placed.shared(s))):
+        moments = placed.shared(s)
+        if len(moments) < LEAST_MOVED:
+            continue
+        carriers, back = (np.stack(list(T)) for T in ((placed.carriers[m] for m in moments),
+                                                      (se3.inverse(s.poses[m]) for m in moments)))  # fmt: skip
+        try:
+            found = get_solver("park").solve(carriers, back)
+        except RefusedError:
+            continue  # these moments move too little; another pair may move enough
+        placed.targets[s.target], placed.cameras[s.camera] = found.X, found.Z
+        _note(placed, s.camera, moments, tree)
+        return True
+    return False
+
+
+def _require_all(layout: Layout, placed: _Placed, seen: Sequence[_Seen]) -> None:
+    """Raises: RefusedError naming what is not tied to the rest."""
+    apart = [c for c in layout.cameras if c not in placed.cameras]
+    if apart:
+        rest = ", ".join(placed.cameras)
+        raise RefusedError(
+            f"the rig falls apart: {', '.join(apart)} saw the target at no moment together with {rest}; "
+            "take pictures in which both see the board, or check that simultaneous views carry the same moment"
+        )
+    loose = [s.target for s in seen if s.target not in placed.targets]
+    if loose:
+        carrier = next(s.carrier for s in seen if s.target == loose[0])
+        raise RefusedError(
+            f"{', '.join(dict.fromkeys(loose))} was seen at no moment together with {carrier}, which it is fixed to; "
+            "take pictures in which both are seen, or in which cameras see them at once while they turn"
+        )

@@ -17,15 +17,16 @@ from calibrant.calibrate.cell.certainty.lens import along_with
 from calibrant.calibrate.cell.certainty.moved_check import moved_check
 from calibrant.calibrate.cell.certainty.whole import Certainty, growth
 from calibrant.calibrate.cell.checks import LoopDeviations
-from calibrant.calibrate.cell.clocks import clocks_found, suspected_clocks
+from calibrant.calibrate.cell.clocks import clocks_found
 from calibrant.calibrate.cell.fitted import fitted_cameras, fitted_transforms, said_poses
 from calibrant.calibrate.cell.held_out import leave_out, loop_deviations, loop_of_list
 from calibrant.calibrate.cell.held_out_chance import held_out_chance
 from calibrant.calibrate.cell.methods import methods_table
-from calibrant.calibrate.cell.noise_figures import noise_by_name, pooled, robot_parameters, sigma_px, sigma_robot
+from calibrant.calibrate.cell.noise_figures import noise_by_name, robot_parameters, sigma_px, sigma_robot
 from calibrant.calibrate.cell.problem.groups import geometry_variable, lens_variable, pictures_factor
 from calibrant.calibrate.cell.problem.layout import Frame, Layout, variable
 from calibrant.calibrate.cell.problem.problem import Cell
+from calibrant.calibrate.cell.rig_checks import rig_checks, together
 from calibrant.calibrate.cell.sizes import Sizes
 from calibrant.calibrate.cell.starts.cell import CellStart
 from calibrant.calibrate.reprojection.in_fit import seen_in_fit
@@ -153,8 +154,8 @@ def _checks(
         *_start_checks(cell, start, numbering),
         questions.views_check(views),
         *_loop_checks(cell, start, solution),
-        *(_together(cell, noise, name) for name in cell.roles if several),
-        *_rig_checks(cell, start, noise),
+        *(together(cell, noise, name) for name in cell.roles if several),
+        *rig_checks(cell, start, noise),
         *_held_out_checks(cell, solution, held, loop),
         *_size_checks(cell, sizes, loop),
         *_image_checks(cell, noise, sizes),
@@ -196,41 +197,6 @@ def _loop_checks(cell: Cell, start: CellStart, solution: Solution) -> Iterable[C
             # What a list says by itself does not show that it contradicts the others.
             score = max(alone.seed.loop.score, score)
         yield _named(questions.loop_check(loop, score), cell.layout.label(i))
-
-
-def _sigma_together(cell: Cell, noise: NoiseEstimate, camera: str) -> float:
-    """Pixel noise that a camera shows in the fit of all: its level, or in a rig, whose cameras share one, what its own
-    residuals are over what they should be."""
-    level, solution = cell.pixel_level(noise.levels, camera), noise.solution
-    group = cell.pixel_group(camera)
-    if not cell.layout.rig:
-        return level.sigma
-    squares, count = 0.0, 0
-    for i, p, d in cell.lists:
-        if p.camera == camera and d.use.any():
-            k = solution.problem.factor_index(pictures_factor(i))
-            weighted = solution.residuals(pictures_factor(i)) * solution.problem.factors[k].weight[:, None]
-            squares, count = squares + float(np.sum(weighted**2)), count + weighted.size
-    every = sum(c for g, c in zip(solution.noise_shares.groups, solution.noise_shares.counts) if g == group)
-    return cell.pixel_ratios[camera] * float(np.sqrt(squares / count * every / level.redundancy)) if count else 0.0
-
-
-def _together(cell: Cell, noise: NoiseEstimate, camera: str) -> Check:
-    return questions.together_check(camera, _sigma_together(cell, noise, camera), cell.own_sigma_px(camera))
-
-
-def _rig_checks(cell: Cell, start: CellStart, noise: NoiseEstimate) -> tuple[Check, ...]:
-    if not cell.layout.rig:
-        return ()
-    levels = [cell.pixel_level(noise.levels, c) for c in cell.roles]
-    own = pooled([replace(level, sigma=cell.own_sigma_px(c)) for c, level in zip(cell.roles, levels)])
-    together = pooled(levels)
-    shared = (questions.shared_moments_check(start.pairs),) if start.pairs else ()  # none in a rig of one camera
-    if cell.clocks is None and questions.loose_rig(together, own):
-        return *shared, questions.rigidity_check(together, own, suspected_clocks(cell, noise.solution))
-    found = clocks_found(cell, noise.solution)
-    rigidity = questions.rigidity_check(together, own)
-    return (*shared, rigidity) if found is None else (*shared, rigidity, questions.clocks_check(found))
 
 
 def _joints(cell: Cell, solution: Solution, robot: str) -> Check:

@@ -34,6 +34,22 @@ def test_robot_poses() -> None:
         RobotPoses(("a", "a"), np.stack([np.eye(4)] * 2))
 
 
+def test_covariances_of_points() -> None:
+    points, uv, ids = np.zeros((2, 3)), np.ones((2, 2)), np.arange(2)
+    C = np.tile([[0.04, 0.01], [0.01, 0.02]], (2, 1, 1))
+    view = View("a", points, uv, ids, covariance_px=C)
+    np.testing.assert_allclose(view.sigma_px, np.sqrt(0.03))
+    part = view.subset(np.array([True, False]))
+    np.testing.assert_array_equal(part.covariance_px, C[:1])
+    with pytest.raises(InputError, match="view 'a': sigma_px must be the root of half of covariance_px's trace"):
+        View("a", points, uv, ids, sigma_px=np.full(2, 0.1), covariance_px=C)
+    for wrong in ([[1.0, 1.0], [1.0, 1.0]], [[1.0, 0.5], [0.0, 1.0]], [[-1.0, 0.0], [0.0, -1.0]]):
+        with pytest.raises(InputError, match="covariance_px must be symmetric and positive definite"):
+            View("a", points, uv, ids, covariance_px=np.tile(wrong, (2, 1, 1)))
+    with pytest.raises(InputError, match=r"covariance_px: expected shape \(2, 2, 2\), got \(2, 2\)"):
+        View("a", points, uv, ids, covariance_px=np.eye(2))
+
+
 def test_observations() -> None:
     points, uv = [np.zeros((4, 3))] * 2, [np.ones((4, 2))] * 2
     with pytest.raises(InputError, match="points has 2 views and uv has 1; give one of each a view"):

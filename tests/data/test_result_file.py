@@ -161,6 +161,7 @@ def full_result() -> CalibrationResult:
         "m0",
         np.full(4, 1 / 3),
         "a/0.png",
+        covariance_px=np.tile(np.array([[5 / 3, 0.2], [0.2, 1 / 3]]) / 9, (4, 1, 1)),
     )
     plain = View("1", np.zeros((0, 3)), np.zeros((0, 2)), np.arange(0), "left")
     observations = Observations(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -95,7 +96,8 @@ def test_a_detection_reads_back_whole(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     found = Detection(np.arange(5), rng.normal(size=(5, 2)), rng.uniform(size=5), notes=("a note",))
     missed = Detection.nothing("nothing there", looks_like="9x6 inner corners")
-    for key, detection in (("aa11", found), ("bb22", missed)):
+    moved = replace(found, covariance_px=rng.normal(size=(5, 2, 2)), smeared=True)
+    for key, detection in (("aa11", found), ("bb22", missed), ("cc33", moved)):
         kept.put(key, (640, 480), detection)
         back = kept.get(key)
         assert back is not None
@@ -108,6 +110,9 @@ def test_a_detection_reads_back_whole(tmp_path: Path) -> None:
             detection.looks_like,
         )
         assert (again.sigma_px is None) == (detection.sigma_px is None)
+        assert (again.covariance_px is None) == (detection is not moved)
+        assert again.covariance_px is None or np.array_equal(again.covariance_px, moved.covariance_px)
+        assert again.smeared == (detection is moved)
 
 
 def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:

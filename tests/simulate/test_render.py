@@ -94,7 +94,7 @@ def test_centroid_and_area_are_exact(shape: str, turn: float) -> None:
     artwork = Artwork((-0.05, -0.05, 0.05, 0.05), (drawn,))
     pinhole = Camera.create("pinhole", {"fx": 1000, "fy": 1000, "cx": 320, "cy": 240}, image_size=(640, 480))
     T = se3.make(so3.exp([0, 0, turn]), [0.0123, 0.0077, 0.5])  # parallel to the image: the centroid is the centre
-    look = Look(0.0, 0.0, 255.0, 0.0, 0.0, 0.0, 0)
+    look = Look(0.0, (0.0, 0.0), 0.0, 255.0, 0.0, 0.0, 0.0, 0)
     ink = 255.0 - render(artwork, pinhole, T, rng=np.random.default_rng(0), look=look)
     centre = pinhole.project(T[:3, 3])
     y, x = np.mgrid[:480, :640]

@@ -58,7 +58,9 @@ class View:
     """The points of one target seen in one image.
 
     points (n, 3) metres, target frame; uv (n, 2) pixels; point_ids (n,) labels of the target's points;
-    sigma_px (n,) relative standard deviation of each point per axis, or None when all weigh the same.
+    sigma_px (n,) relative standard deviation of each point per axis, or None when all weigh the same;
+    covariance_px (n, 2, 2) px^2 where points are less certain along one direction than along another (the picture moved
+    while it was exposed): sigma_px is then the root of half its trace, and need not be given.
     `moment` names what was seen at the same time (other cameras, a robot pose); it is the id when not given.
     carried: where the points were found by those of another camera, a projector's (see `Carried`).
 
@@ -76,6 +78,7 @@ class View:
     sigma_px: Array | None = None
     file: str | None = None
     carried: Carried | None = None
+    covariance_px: Array | None = None
 
     def __post_init__(self) -> None:
         expect(self.id, str, "a view's id", "text")
@@ -85,6 +88,8 @@ class View:
         set_(self, "points", _frozen(self.points, dtype=np.float64, shape=(n, 3), what=f"{where}: points"))
         set_(self, "uv", _frozen(self.uv, dtype=np.float64, shape=(n, 2), what=f"{where}: uv"))
         set_(self, "point_ids", _frozen(self.point_ids, dtype=np.int64, shape=(n,), what=f"{where}: point_ids"))
+        if self.covariance_px is not None:
+            self._check_covariance(self.covariance_px, n, where)
         if self.sigma_px is not None:
             sigma = _frozen(self.sigma_px, dtype=np.float64, shape=(n,), what=f"{where}: sigma_px")
             if np.any(sigma <= 0):
@@ -96,6 +101,19 @@ class View:
             )
         if not self.moment:
             set_(self, "moment", self.id)
+
+    def _check_covariance(self, given: Array, n: int, where: str) -> None:
+        C = _frozen(given, dtype=np.float64, shape=(n, 2, 2), what=f"{where}: covariance_px")
+        object.__setattr__(self, "covariance_px", C)
+        variance = 0.5 * np.trace(C, axis1=1, axis2=2)
+        asymmetric = np.abs(C[:, 0, 1] - C[:, 1, 0]) > 1e-9 * variance
+        if np.any(asymmetric | ~(np.linalg.det(C) > 1e-12 * variance**2) | ~(variance > 0)):
+            raise InputError(f"{where}: covariance_px must be symmetric and positive definite for every point")
+        sigma = np.sqrt(variance)
+        if self.sigma_px is None:
+            object.__setattr__(self, "sigma_px", sigma)
+        elif np.shape(self.sigma_px) == (n,) and not np.allclose(self.sigma_px, sigma, rtol=1e-6, atol=0.0):
+            raise InputError(f"{where}: sigma_px must be the root of half of covariance_px's trace, or left out")
 
     def __len__(self) -> int:
         return len(self.uv)
@@ -111,9 +129,12 @@ class View:
     def subset(self, keep: NDArray[np.bool_]) -> View:
         """The view with the points where keep (n,) is true."""
         sigma = None if self.sigma_px is None else self.sigma_px[keep]
+        covariance = None if self.covariance_px is None else self.covariance_px[keep]
         carried = None if self.carried is None else self.carried.subset(keep)
-        points, uv, ids = self.points[keep], self.uv[keep], self.point_ids[keep]
-        return replace(self, points=points, uv=uv, point_ids=ids, sigma_px=sigma, carried=carried)
+        return replace(
+            self, points=self.points[keep], uv=self.uv[keep], point_ids=self.point_ids[keep],
+            sigma_px=sigma, covariance_px=covariance, carried=carried,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -287,6 +287,7 @@ def _decode_observations(data: Json) -> Observations:
                 camera=_maybe(item, "camera", str, at) or DEFAULT_CAMERA,
                 moment=_maybe(item, "moment", str, at) or name,
                 sigma_px=_maybe_array(item, "sigma_px", (-1,), at),
+                covariance_px=_maybe_array(item, "covariance_px", (-1, 2, 2), at),
                 file=_maybe(item, "file", str, at),
                 carried=_decode_carried(item, at),
             )

@@ -137,6 +137,7 @@ def _encode_observations(observations: Observations) -> Json:
                 "uv": v.uv,
                 "sigma_px": v.sigma_px,
                 "carried": None if v.carried is None else vars(v.carried),
+                "covariance_px": v.covariance_px,
             }
         )
         for v in observations.views

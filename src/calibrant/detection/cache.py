@@ -136,12 +136,14 @@ def _checksum(key: str, kept: str) -> str:
 
 
 def _encoded(size: Size, detection: Detection) -> dict[str, Any]:
-    sigma = detection.sigma_px
+    sigma, covariance = detection.sigma_px, detection.covariance_px
     return {
         "size": list(size),
         "point_ids": detection.point_ids.tolist(),
         "uv": detection.uv.tolist(),
         "sigma_px": None if sigma is None else sigma.tolist(),
+        "covariance_px": None if covariance is None else covariance.tolist(),
+        "smeared": detection.smeared,
         "reason": detection.reason,
         "notes": list(detection.notes),
         "looks_like": detection.looks_like,
@@ -151,12 +153,14 @@ def _encoded(size: Size, detection: Detection) -> dict[str, Any]:
 
 def _decoded_detection(content: Mapping[str, Any]) -> tuple[Size, Detection]:
     """Raises: ValueError, KeyError, TypeError for what no detection is."""
-    sigma = content["sigma_px"]
+    sigma, covariance = content["sigma_px"], content["covariance_px"]
     width, height = content["size"]
     point_ids = np.array(content["point_ids"], np.int64)
     uv = np.array(content["uv"], np.float64).reshape(-1, 2)
     sigma_px = None if sigma is None else np.array(sigma, np.float64)
+    covariance_px = None if covariance is None else np.array(covariance, np.float64)
     whole = len(point_ids) == len(uv) and (sigma_px is None or sigma_px.shape == (len(uv),))
+    whole = whole and (covariance_px is None or covariance_px.shape == (len(uv), 2, 2))
     if not whole or not np.all(np.isfinite(uv)) or len(set(point_ids.tolist())) < len(uv):
         raise ValueError
     return (int(width), int(height)), Detection(
@@ -167,4 +171,6 @@ def _decoded_detection(content: Mapping[str, Any]) -> tuple[Size, Detection]:
         tuple(content["notes"]),
         content["looks_like"],
         bool(content["another"]),
+        covariance_px,
+        bool(content["smeared"]),
     )

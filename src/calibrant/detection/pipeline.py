@@ -23,6 +23,7 @@ from calibrant.detection.images.files import expand
 from calibrant.detection.images.header import UPRIGHT, WORDS
 from calibrant.detection.images.images import load_grey, orientation_of
 from calibrant.detection.images.likeness import notes_on_likeness
+from calibrant.detection.images.moved import notes_on_motion
 from calibrant.detection.registry import check_choice, detector_for
 from calibrant.detection.subpixel.refinement import DEFAULT, Refinement
 from calibrant.errors import DetectionError, InputError
@@ -112,7 +113,7 @@ def detect(
         missed=tuple(
             Missed(names[d.file], d.detection.reason or "", camera, str(d.file)) for d in done if not d.detection.found
         ),
-        notes=tuple(dict.fromkeys([*notes, *notes_on_likeness(views, size[0])])),
+        notes=tuple(dict.fromkeys([*notes, *_notes_on_motion(found, names), *notes_on_likeness(views, size[0])])),
     )
 
 
@@ -159,6 +160,10 @@ def _detect_files(
 ) -> list[ImageDetection]:
     """The target in some files: what is handed to a process at once."""
     return [detect_file(file, target, mirror_x, refinement) for file in files]
+
+
+def _notes_on_motion(found: Sequence[ImageDetection], names: Mapping[Path, str]) -> tuple[str, ...]:
+    return notes_on_motion([(names[d.file], d.detection.smeared) for d in found])
 
 
 def notes_on_orientation(orientations: Sequence[int]) -> list[str]:
@@ -311,5 +316,6 @@ def _detected_view(
         point_ids=detection.point_ids,
         camera=camera,
         sigma_px=detection.sigma_px,
+        covariance_px=detection.covariance_px,
         file=str(result.file),
     )

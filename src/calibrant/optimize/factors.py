@@ -69,7 +69,8 @@ class Factor(ABC):
     """A batch of residuals of one kind.
 
     name: for messages. variables: names of the slots. indices: for each slot, the instance (m,) that each edge uses.
-    noise: the noise group that the residuals are in units of; loss: applied to each block's whitened norm.
+    noise: the noise group that the residuals are in units of; loss: applied to each block's whitened norm. whitening
+    (N, dim, dim): by what each block is multiplied beside 1 / relative_sigma, None for blocks alike to all sides.
     """
 
     def __init__(
@@ -81,6 +82,7 @@ class Factor(ABC):
         dim: int,
         noise: str,
         relative_sigma: Array | float = 1.0,
+        whitening: Array | None = None,
         row_offsets: Indices | None = None,
         loss: Loss | None = None,
     ) -> None:
@@ -96,6 +98,7 @@ class Factor(ABC):
         sigma = np.broadcast_to(np.asarray(relative_sigma, dtype=np.float64), (self.blocks_count,))
         self._check(sigma)
         self.weight = 1.0 / sigma
+        self.whitening = whitening
 
     def _check(self, sigma: Array) -> None:
         if self.edges == 0 or self.blocks_count == 0:
@@ -131,7 +134,7 @@ class Factor(ABC):
 
     def blocks(self, values: Sequence[Array], *, sigma: float) -> FactorBlocks:
         """Normal equations with weights 1 / (sigma * relative_sigma) and the loss. values: one array a slot, (m, …)."""
-        r, jacobians = self.linearize(*values)
+        r, jacobians = self._whitened(*self.linearize(*values))
         w, cost = self._weights(r, sigma)
         root = np.sqrt(w)[:, None]
         J = np.concatenate(jacobians, axis=2) * root[:, :, None]
@@ -147,7 +150,7 @@ class Factor(ABC):
 
         Args: across, (m or 1, p, k) for each slot and its edges, None where the slot is held; weight (N,).
         """
-        r, jacobians = self.linearize(*values)
+        r, jacobians = self._whitened(*self.linearize(*values))
         counts = 1 if self.row_offsets is None else np.diff(self.row_offsets)
         edge = np.repeat(np.arange(self.edges), counts)
         out = np.zeros((*r.shape, next(a.shape[1] for a in across if a is not None)))
@@ -158,8 +161,14 @@ class Factor(ABC):
 
     def whitened_norms(self, values: Sequence[Array], *, sigma: float) -> Array:
         """Norm (N,) of every residual block in units of its sigma."""
-        r = self.residuals(*values)
+        r, _ = self._whitened(self.residuals(*values), ())
         return np.linalg.norm(r, axis=-1) * self.weight / sigma
+
+    def _whitened(self, r: Array, jacobians: tuple[Array, ...]) -> tuple[Array, tuple[Array, ...]]:
+        """Residuals (N, dim) and their slopes, turned by the blocks' whitening where they have one."""
+        if self.whitening is None:
+            return r, jacobians
+        return (self.whitening @ r[:, :, None])[:, :, 0], tuple(self.whitening @ J for J in jacobians)
 
     def _weights(self, r: Array, sigma: float) -> tuple[Array, float]:
         scale = (self.weight / sigma) ** 2

@@ -36,12 +36,14 @@ _SAMPLES = 64
 class Look:
     """How the picture is taken. Greys are 0..255.
 
-    blur_px: sigma of the lens blur; noise_grey: sigma of the sensor's noise; paper_grey, ink_grey: full light;
+    blur_px: sigma of the lens blur; motion_px: how far the picture moves along u and v while it is exposed, evenly, the
+    pose being that of mid-exposure; noise_grey: sigma of the sensor's noise; paper_grey, ink_grey: full light;
     uneven_light: relative fall of the light across the image; vignetting: relative fall towards the image's corners;
     clutter: number of sharp shapes behind the board, 0 for a plain middle grey.
     """
 
     blur_px: float = 0.8
+    motion_px: tuple[float, float] = (0.0, 0.0)
     noise_grey: float = 4.0
     paper_grey: float = 235.0
     ink_grey: float = 25.0
@@ -88,6 +90,8 @@ def render(
     image = (how.ink_grey + (how.paper_grey - how.ink_grey) * scene) * _light(camera.image_size, how, rng)
     if how.blur_px > 0:
         image = np.asarray(cv2.GaussianBlur(image, (0, 0), how.blur_px), dtype=np.float32)
+    if any(how.motion_px):
+        image = _moved(image, how.motion_px)
     if how.noise_grey > 0:
         image = image + np.float32(how.noise_grey) * rng.standard_normal(image.shape, dtype=np.float32)
     return np.clip(np.rint(image), 0, 255).astype(np.uint8)
@@ -185,6 +189,16 @@ def _pattern() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     reverse = sum(((k >> i) & 1) << (bits - 1 - i) for i in range(bits))
     a, b = ((np.asarray(m) + 0.5) / _SAMPLES - 0.5 for m in (k, reverse))
     return a.astype(np.float32), b.astype(np.float32)
+
+
+def _moved(image: NDArray[np.float32], motion_px: tuple[float, float]) -> NDArray[np.float32]:
+    """The mean of a picture shifted along a line, -1/2 to 1/2 of the motion: its spectrum times sinc(f . motion)."""
+    pad = int(np.ceil(max(map(abs, motion_px)))) + 8  # the spectrum is that of a picture repeated on all sides
+    padded = np.pad(image, pad, mode="reflect")
+    f_u, f_v = np.fft.rfftfreq(padded.shape[1]), np.fft.fftfreq(padded.shape[0])
+    spectrum = np.fft.rfft2(padded) * np.sinc(f_u * motion_px[0] + f_v[:, None] * motion_px[1])
+    inside = np.fft.irfft2(spectrum, padded.shape)[pad:-pad, pad:-pad]
+    return np.ascontiguousarray(inside, dtype=np.float32)
 
 
 def _light(image_size: tuple[int, int], look: Look, rng: np.random.Generator) -> NDArray[np.float32]:

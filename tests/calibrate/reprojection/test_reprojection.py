@@ -98,6 +98,58 @@ def test_compiled_blocks_equal_the_numpy_form(name: str, modes: bool, loss: Loss
         np.testing.assert_allclose(compiled.hessian[key], block, rtol=1e-9, atol=1e-11 * np.abs(block).max())
 
 
+def elongated() -> StackedViews:
+    """The scene's views, three of them less certain along a direction of each point's own."""
+    views = []
+    for i, view in enumerate(SCENE.observations.views):
+        turn, long = RNG.uniform(0, np.pi, len(view)), RNG.uniform(1, 3, len(view))
+        axis = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        C = 0.04 * (np.eye(2) + (long**2 - 1)[:, None, None] * axis[:, :, None] * axis[:, None, :])
+        views.append(replace(view, covariance_px=C) if i < 3 else replace(view, sigma_px=np.full(len(view), 0.3)))
+    return stack(views)
+
+
+def test_whitening_is_the_root_of_the_information() -> None:
+    views = elongated()
+    assert views.whitening is not None
+    C = [np.linalg.inv(W.T @ W) for W in views.whitening]
+    # Relative: the trace of covariance over sigma^2 is 2, and I is what views without a covariance have.
+    np.testing.assert_allclose(np.trace(np.array(C), axis1=1, axis2=2), 2.0, rtol=1e-12)
+    np.testing.assert_array_equal(views.whitening[views.offsets[3] :], np.tile(np.eye(2), (2 * 20, 1, 1)))
+    assert stack(SCENE.observations.views).whitening is None
+
+
+@pytest.mark.parametrize("loss", [squared(), cauchy(1.0)], ids=["l2", "cauchy"])
+@pytest.mark.parametrize("name", ["plain", "eye-in-hand"])
+def test_blocks_of_points_with_covariances_are_those_of_whitened_residuals(name: str, loss: Loss) -> None:
+    links, views = LINKS[name], elongated()
+    factor, values = make(links, modes=True, loss=loss, views=views), arguments(links, modes=True)
+    r, jacobians = factor.linearize(*values)
+    W, sigma = views.whitening, 0.2
+    assert W is not None
+    white = np.einsum("nij,nj->ni", W, r) / (sigma * views.sigma[:, None])
+    rho, slope = loss.evaluate(np.sum(white**2, axis=1))
+    J = np.concatenate([np.einsum("nij,njk->nik", W, j) for j in jacobians], axis=2)
+    J *= (np.sqrt(slope) / (sigma * views.sigma))[:, None, None]
+    H = np.add.reduceat(np.einsum("nik,nil->nkl", J, J), views.offsets[:-1])
+    g = np.add.reduceat(np.einsum("nik,ni->nk", J, np.sqrt(slope)[:, None] * white), views.offsets[:-1])
+    for blocks in (factor.blocks(values, sigma=sigma), Factor.blocks(factor, values, sigma=sigma)):
+        assert blocks.cost == pytest.approx(0.5 * rho.sum(), rel=1e-11)
+        np.testing.assert_allclose(blocks.H, H, rtol=1e-8, atol=1e-10 * np.abs(H).max())
+        np.testing.assert_allclose(blocks.g, g, rtol=1e-8, atol=1e-9 * np.abs(g).max())
+    np.testing.assert_allclose(factor.whitened_norms(values, sigma=sigma), np.linalg.norm(white, axis=1), rtol=1e-9)
+
+
+def test_influence_of_points_with_covariances_equals_its_numpy_form() -> None:
+    links = LINKS["plain"]
+    factor, values = make(links, modes=False, views=elongated()), arguments(links, modes=False)
+    across = [RNG.normal(size=(VIEWS, 3, 6)), RNG.normal(size=(1, 3, len(SCENE.camera.values)))]
+    compiled = factor.influence(across, values, weight=factor.weight)
+    plain = Factor.influence(factor, across, values, weight=factor.weight)
+    for a, b in zip(compiled, plain):
+        np.testing.assert_allclose(a, b, rtol=1e-8, atol=1e-9 * np.abs(b).max())
+
+
 @pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
 def test_every_model_through_the_kernels(model: object) -> None:
     """Values do not matter here, only that kernel and NumPy form agree for every registered model."""

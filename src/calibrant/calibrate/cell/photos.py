@@ -127,7 +127,7 @@ def judge(views: Sequence[View], camera: Camera) -> Judged:
 
 def _mark(views: Sequence[View], camera: Camera, loss: Loss | None, sigma: float) -> Marked:
     """Judge all points alike: a detector's sigma says nothing of what does not belong."""
-    alike = [replace(v, sigma_px=None) for v in views]
+    alike = [replace(v, sigma_px=None, covariance_px=None) for v in views]
     offsets = np.concatenate([[0], np.cumsum([len(v) for v in views])])
     return mark(np.sqrt(_squares(alike, camera, loss, sigma)), offsets)
 

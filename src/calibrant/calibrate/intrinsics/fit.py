@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,7 +110,7 @@ def fit_and_clean(
     stop: Stopping = ORDINARY,
 ) -> tuple[Fit, Marked]:
     """Fit all points alike; leave out, by a robust fit, those that do not belong; then weigh the rest."""
-    plain = StackedViews(stacked.points, stacked.uv, np.ones(len(stacked.uv)), stacked.offsets)
+    plain = stacked.alike()
     solution = refine(plain, kind, start, fix=fix, stop=stop)
     norms = np.linalg.norm(solution.residuals("reprojection"), axis=1)
     marked = mark(norms, stacked.offsets, max_error_px=max_error_px)
@@ -129,7 +129,7 @@ def fit_and_clean(
         judged = kept_views(views, marked, stacked)
         used = np.array([v is not None for v in judged])
         kept = tuple(v for v in judged if v is not None)
-        plain = replace(stack(kept), sigma=np.ones(sum(len(v) for v in kept)))
+        plain = stack(kept).alike()
         solution = refine(plain, kind, end_of(robust, used), fix=fix, stop=stop)
     if all(v.sigma_px is None for v in kept):
         return Fit(solution, kept, plain), marked

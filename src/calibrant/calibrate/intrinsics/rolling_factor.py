@@ -42,6 +42,7 @@ class RollingFactor(Factor):
             dim=2,
             noise="pixel",
             relative_sigma=views.sigma,
+            whitening=views.whitening,
             row_offsets=views.offsets,
         )
         self.model, self.views = model, views

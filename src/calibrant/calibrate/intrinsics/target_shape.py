@@ -131,6 +131,7 @@ class PointReprojection(Factor):
             dim=2,
             noise="pixel",
             relative_sigma=views.sigma,
+            whitening=views.whitening,
         )
 
     def linearize(self, *values: Array) -> tuple[Array, tuple[Array, ...]]:

@@ -45,6 +45,7 @@ class CarriedFactor(Factor):
             dim=2,
             noise=seen.noise,
             relative_sigma=seen.views.sigma,
+            whitening=seen.views.whitening,
             row_offsets=seen.views.offsets,
             loss=seen.loss,
         )

@@ -40,12 +40,21 @@ class TargetModes:
 
 @dataclass(frozen=True, eq=False)
 class StackedViews:
-    """Views laid end to end: points (N, 3), uv (N, 2), sigma (N,) relative, offsets (m + 1,) of their first points."""
+    """Views laid end to end: points (N, 3), uv (N, 2), sigma (N,) relative, offsets (m + 1,) of their first points.
+
+    whitening (N, 2, 2): sigma C^-1/2 of points whose covariance C is not alike to all sides, I of the others, None
+    where all are: residuals are white after it and 1 / sigma.
+    """
 
     points: Array
     uv: Array
     sigma: Array
     offsets: Indices
+    whitening: Array | None = None
+
+    def alike(self) -> StackedViews:
+        """The same with all points of the same weight."""
+        return StackedViews(self.points, self.uv, np.ones(len(self.uv)), self.offsets)
 
     def noisier(self, ratio: float) -> StackedViews:
         """The same with relative sigmas this many times as large."""
@@ -63,7 +72,19 @@ def stack(views: Sequence[View]) -> StackedViews:
     known = [v.sigma_px for v in views if v.sigma_px is not None]
     typical = 1 / np.sqrt(np.mean(np.concatenate(known) ** -2))
     sigma = np.concatenate([np.ones(len(v)) if v.sigma_px is None else v.sigma_px / typical for v in views])
-    return StackedViews(points, uv, sigma, offsets)
+    return StackedViews(points, uv, sigma, offsets, _whitening(views, offsets))
+
+
+def _whitening(views: Sequence[View], offsets: Indices) -> Array | None:
+    """sigma C^-1/2 (N, 2, 2), symmetric; None where no view has a covariance."""
+    if all(v.covariance_px is None for v in views):
+        return None
+    W = np.tile(np.eye(2), (int(offsets[-1]), 1, 1))
+    for view, first, last in zip(views, offsets[:-1], offsets[1:]):
+        if view.covariance_px is not None and view.sigma_px is not None:
+            values, axes = np.linalg.eigh(view.covariance_px / view.sigma_px[:, None, None] ** 2)
+            W[first:last] = (axes / np.sqrt(values)[:, None]) @ np.swapaxes(axes, 1, 2)
+    return W
 
 
 class ReprojectionFactor(Factor):
@@ -96,12 +117,15 @@ class ReprojectionFactor(Factor):
             dim=2,
             noise=noise,
             relative_sigma=views.sigma,
+            whitening=views.whitening,
             row_offsets=views.offsets,
             loss=loss,
         )
         self._edge_of_row = np.repeat(np.arange(m), np.diff(views.offsets))
         self._points = np.ascontiguousarray(views.points.T)
         self._uv = np.ascontiguousarray(views.uv.T)
+        W = views.whitening
+        self._white = np.zeros((3, 0)) if W is None else np.ascontiguousarray(W.reshape(-1, 4).T[[0, 1, 3]])
         n_modes = 0 if modes is None else len(modes.directions)
         self._modes = (
             np.zeros((0, 3, 0)) if modes is None else np.ascontiguousarray(np.swapaxes(modes.directions, 1, 2))
@@ -198,8 +222,9 @@ class ReprojectionFactor(Factor):
             first += len(self.model.parameter_names)
         out, e = np.empty((*self.views.uv.shape, p)), np.empty_like(self.views.uv)
         influence_kernels.influence_rows(
-            *self._kernel_arguments(values, self.T_camera_target(*values)), weight, self.views.offsets, M, out, e
-        )
+            *self._kernel_arguments(values, self.T_camera_target(*values)), self._white, weight, self.views.offsets,
+            M, out, e,
+        )  # fmt: skip
         return out, e
 
     def _project(self, parameters: Array, p: Array) -> tuple[Array, Array, Array]:
@@ -224,11 +249,14 @@ class ReprojectionFactor(Factor):
             T, maps = compiled_products(self.links, self._split(values)[0], m)
         views, weight, offsets = self._kernel_arguments(values, T), self.weight / sigma, self.views.offsets
         loss = (self.loss.kind, self.loss.scale_sq)
-        local = self.model.local_rows()
+        # Rows of u and v that are mixed have more entries than a local one holds: such views take the dense kernel.
+        local = None if self.whitening is not None else self.model.local_rows()
         if local is not None:
             from calibrant.calibrate.reprojection import local_kernels
 
             kernel, views = local_kernels.normal_equations, (*local, *views[1:])
+        else:
+            views = (*views, self._white)
 
         def run(first: int, last: int) -> None:
             kernel(*views, weight, offsets, *loss, first, last, H, g, cost)

@@ -9,13 +9,15 @@ from __future__ import annotations
 import numpy as np
 from numba import types
 
-from calibrant.calibrate.reprojection.kernels import _VIEWS, _c1, _c3, _f2, _f3, _i1
+from calibrant.calibrate.reprojection.kernels import _VIEWS, _c1, _c2, _c3, _f2, _f3, _i1, whiten
 from calibrant.cameras.kernels.contract import FAST
 from calibrant.compiled import compiled
 
 
-@compiled(types.void(*_VIEWS, _c1, _i1, _c3, _f3, _f2), fastmath=FAST)
-def influence_rows(rows, parameters, camera, T, theta, modes, points, uv, weight, offsets, M, out, e):  # type: ignore[no-untyped-def]
+@compiled(types.void(*_VIEWS, _c2, _c1, _i1, _c3, _f3, _f2), fastmath=FAST)
+def influence_rows(  # type: ignore[no-untyped-def]
+    rows, parameters, camera, T, theta, modes, points, uv, whitening, weight, offsets, M, out, e
+):
     """out (N, 2, p) = w J M_v^T and e (N, 2) = w (predicted - observed). Args: M (m, p, 6 + k + modes)."""
     k, n_modes, p = parameters.shape[1], modes.shape[0], M.shape[1]
     J = np.empty((2, 6 + k + n_modes))
@@ -33,6 +35,9 @@ def influence_rows(rows, parameters, camera, T, theta, modes, points, uv, weight
                 turned[row, i] = P[row, 0] * x + P[row, 1] * y + P[row, 2] * z
                 seen[row, i] = turned[row, i] + P[row, 3]
         rows(n, parameters[camera[v]], seen, predicted, J_point, J_parameters)
+        if whitening.shape[1] > 0:
+            for i in range(n):
+                whiten(whitening, start + i, i, uv, predicted, J_point, J_parameters)
         for i in range(n):
             w = weight[start + i]
             for h in range(2):

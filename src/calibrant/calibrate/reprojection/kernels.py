@@ -33,7 +33,8 @@ _f1, _f2, _f3 = types.float64[::1], types.float64[:, ::1], types.float64[:, :, :
 
 _int = types.int64
 _VIEWS = (ROWS, _c2, _i1, _c3, _c2, _c3, _c2, _c2)
-NORMAL_EQUATIONS = types.void(*_VIEWS, _c1, _i1, _int, types.float64, _int, _int, _f3, _f2, _f1)
+SUMS = (_c1, _i1, _int, types.float64, _int, _int, _f3, _f2, _f1)
+NORMAL_EQUATIONS = types.void(*_VIEWS, _c2, *SUMS)
 _SCRATCH = types.Tuple((*6 * [_f2], _f1))
 _RESIDUALS = types.void(*_VIEWS, _i1, _int, _int, _f2)
 
@@ -115,12 +116,31 @@ def _accumulate(J, q, length, H, g):  # type: ignore[no-untyped-def]
             H[a, b] = H[b, a]
 
 
+@compiled_part(types.void(_c2, _int, _int, _c2, _f2, _f2, _f2), fastmath=FAST, forceinline=True)
+def whiten(whitening, row, i, uv, predicted, J_point, J_parameters):  # type: ignore[no-untyped-def]
+    """Turn the slopes of point `row` of all, the i-th of its view, and what it is off by: predicted moves for that.
+
+    Args: whitening (3, N): xx, xy, yy of the symmetric matrices.
+    """
+    xx, xy, yy, k = whitening[0, row], whitening[1, row], whitening[2, row], len(J_parameters) // 2
+    du, dv = predicted[0, i] - uv[0, row], predicted[1, i] - uv[1, row]
+    predicted[0, i], predicted[1, i] = uv[0, row] + (xx * du + xy * dv), uv[1, row] + (xy * du + yy * dv)
+    for j in range(3):
+        du, dv = J_point[j, i], J_point[3 + j, i]
+        J_point[j, i], J_point[3 + j, i] = xx * du + xy * dv, xy * du + yy * dv
+    for j in range(k):
+        du, dv = J_parameters[j, i], J_parameters[k + j, i]
+        J_parameters[j, i], J_parameters[k + j, i] = xx * du + xy * dv, xy * du + yy * dv
+
+
 @compiled_part(
-    types.float64(ROWS, _c1, _c2, _c1, _c2, _c3, _c2, _c1, _int, _int, _int, types.float64, _SCRATCH, _f2, _f1),
+    types.float64(ROWS, _c1, _c2, _c1, _c2, _c3, _c2, _c2, _c1, _int, _int, _int, types.float64, _SCRATCH, _f2, _f1),
     fastmath=FAST,
     forceinline=True,
 )
-def _view(rows, parameters, T, theta, points, modes, uv, weight, first, n, loss, scale_sq, scratch, H, g):  # type: ignore[no-untyped-def]
+def _view(  # type: ignore[no-untyped-def]
+    rows, parameters, T, theta, points, modes, uv, whitening, weight, first, n, loss, scale_sq, scratch, H, g
+):
     """Normal equations of one view; returns its cost."""
     k, m = parameters.shape[0], modes.shape[0]
     q = 6 + k + m
@@ -141,6 +161,9 @@ def _view(rows, parameters, T, theta, points, modes, uv, weight, first, n, loss,
         for i in range(n):
             into[i] = source[i] + shift
     rows(n, parameters, p, predicted, J_point, J_parameters)
+    if whitening.shape[1] > 0:
+        for i in range(n):
+            whiten(whitening, first + i, i, uv, predicted, J_point, J_parameters)
     cost = 0.0
     for i in range(n):
         w = weight[first + i]
@@ -179,8 +202,9 @@ def _view(rows, parameters, T, theta, points, modes, uv, weight, first, n, loss,
 
 @compiled(NORMAL_EQUATIONS, fastmath=FAST)
 def normal_equations(  # type: ignore[no-untyped-def]
-    rows, parameters, camera, T, theta, modes, points, uv, weight, offsets, loss, scale_sq, first, last, H, g, cost
-):
+    rows, parameters, camera, T, theta, modes, points, uv, whitening, weight, offsets, loss, scale_sq, first, last,
+    H, g, cost,
+):  # fmt: skip
     """Fill H (m, q, q), g (m, q) and cost (m,) of the views first <= v < last."""
     k, q, largest = parameters.shape[1], H.shape[1], 0
     for v in range(first, last):
@@ -198,8 +222,8 @@ def normal_equations(  # type: ignore[no-untyped-def]
     for v in range(first, last):
         start, n = offsets[v], offsets[v + 1] - offsets[v]
         cost[v] = _view(
-            rows, parameters[camera[v]], T[v], theta[0], points, modes, uv, weight, start, n, loss, scale_sq, scratch,
-            H[v], g[v],
+            rows, parameters[camera[v]], T[v], theta[0], points, modes, uv, whitening, weight, start, n, loss, scale_sq,
+            scratch, H[v], g[v],
         )  # fmt: skip
 
 

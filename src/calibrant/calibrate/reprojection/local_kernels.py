@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, types
 
-from calibrant.calibrate.reprojection.kernels import NORMAL_EQUATIONS, robust
+from calibrant.calibrate.reprojection.kernels import _VIEWS, SUMS, robust
 from calibrant.cameras.kernels.contract import FAST, LOCAL_ROWS
 from calibrant.compiled import compiled
 
-_SIGNATURE = types.void(LOCAL_ROWS, types.int64, *NORMAL_EQUATIONS.args[1:])
+_SIGNATURE = types.void(LOCAL_ROWS, types.int64, *_VIEWS[1:], *SUMS)
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")

@@ -37,7 +37,8 @@ def excess_sigma(squares: Array, sigma: Array, *, freedom: float) -> float:
 
 
 def reweighted(views: Sequence[View], squares: Array, *, unknowns: int) -> tuple[View, ...]:
-    """The views with sigma_px completed by the excess; as they are when no view states a sigma.
+    """The views with sigma_px, and covariance_px where it is stated, completed by the excess, which is the same to all
+    sides; as they are when no view states a sigma.
 
     Args: squares (N,) squared residual norms of all points, in order, px^2.
     """
@@ -54,4 +55,9 @@ def completed(views: Sequence[View], squares: Array, *, keep: NDArray[np.bool_],
     variance = excess**2 + stated**2
     ends = np.cumsum([len(v) for v in views])[:-1]
     parts = np.split(np.sqrt(np.maximum(variance, 1e-18)), ends)
-    return tuple(replace(v, sigma_px=s) for v, s in zip(views, parts))
+    return tuple(
+        replace(v, sigma_px=s)
+        if v.covariance_px is None
+        else replace(v, sigma_px=None, covariance_px=v.covariance_px + excess**2 * np.eye(2))
+        for v, s in zip(views, parts)
+    )

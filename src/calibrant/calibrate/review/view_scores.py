@@ -129,7 +129,7 @@ def rows_of(result: CalibrationResult, camera_name: str, poses: Mapping[tuple[st
 def _shaped(result: CalibrationResult, views: Sequence[View]) -> StackedViews:
     """The views end to end, their points where the calibration found them on a target that is not flat."""
     stacked = stack(views)
-    return StackedViews(np.concatenate(target_points(result, views)), stacked.uv, stacked.sigma, stacked.offsets)
+    return replace(stacked, points=np.concatenate(target_points(result, views)))
 
 
 def view_scores(rows: Rows) -> ViewScores | None:
@@ -155,6 +155,8 @@ def view_scores(rows: Rows) -> ViewScores | None:
     X[-1] = rows.residuals
     if not np.all(rows.weight == 1.0):
         X *= rows.weight[:, None]
+    if rows.stacked.whitening is not None:
+        X[:] = np.einsum("nij,qnj->qni", rows.stacked.whitening, X)
     kept = np.add.reduceat((rows.weight > 0).astype(np.int64), rows.stacked.offsets[:-1]) >= MINIMUM_POINTS
     gram = _without_poses(_grams(X, rows.stacked.offsets))
     gram[~kept] = 0.0  # a view without points enough for its pose says nothing

@@ -7,7 +7,8 @@ the next round, so the board is followed into parts whose markers cannot be read
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,9 @@ from calibrant.detection.local_homography import LocalMaps, fit_local_maps
 from calibrant.detection.opencv import Markers, refine_corners, sample
 from calibrant.detection.subpixel.refinement import DEFAULT, Refinement, refine
 from calibrant.targets.charuco import Charuco
+
+if TYPE_CHECKING:
+    from calibrant.detection.subpixel.refined import Refined
 
 # How far the markers' corners and refined corners are trusted, px: contour corners are whole pixels on a blurred edge.
 MARKER_SIGMA_PX = 1.0
@@ -51,18 +55,24 @@ WINDOW_SIGMAS = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Corners:
-    """Corners found: index (n,) into the target's points; uv (n, 2) px; sigma_px (n,) per axis."""
+    """Corners found: index (n,) into the target's points; uv (n, 2) px; sigma_px (n,) per axis; shape (n, 2, 2), their
+    covariance over sigma_px^2, by itself alike to all sides; smeared as that of `Detection`."""
 
     index: NDArray[np.int64]
     uv: Array
     sigma_px: Array
+    shape: Array = field(default_factory=lambda: np.eye(2)[None])
+    smeared: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "shape", np.broadcast_to(self.shape, (len(self.index), 2, 2)))
 
     def __len__(self) -> int:
         return len(self.index)
 
     def subset(self, keep: NDArray[np.bool_]) -> Corners:
         """The corners where keep (n,) is true."""
-        return Corners(self.index[keep], self.uv[keep], self.sigma_px[keep])
+        return Corners(self.index[keep], self.uv[keep], self.sigma_px[keep], self.shape[keep], self.smeared)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,23 +158,25 @@ def _sharpened(grey: Grey, corners: Corners, target: Charuco, per_square: Array,
     steps = np.swapaxes(per_square, 1, 2).reshape(-1, 4)
     dark = ~_light_at_top_left(target, corners.index)
 
-    def fitted(start: Array, which: NDArray[np.bool_]) -> tuple[Array, Array, NDArray[np.bool_]]:
+    def fitted(start: Array, which: NDArray[np.bool_]) -> tuple[Refined, NDArray[np.bool_]]:
         refined = refine(grey, start, steps[which], dark[which], how=how, most=gap)
         moved = np.linalg.norm(refined.uv - start, axis=1)
         fits = refined.converged & (moved < SHARPENING_PX) & (refined.sigma_px < ROUGH_SIGMA_PX)
-        return refined.uv, refined.sigma_px, fits
+        return refined, fits
 
-    uv, sigma, fits = fitted(corners.uv, np.ones(len(corners), dtype=bool))
-    uv, sigma = np.where(fits[:, None], uv, corners.uv), np.where(fits, sigma, ROUGH_SIGMA_PX)
+    first, fits = fitted(corners.uv, np.ones(len(corners), dtype=bool))
+    uv, sigma = np.where(fits[:, None], first.uv, corners.uv), np.where(fits, first.sigma_px, ROUGH_SIGMA_PX)
+    shape = np.where(fits[:, None, None], first.shape, np.eye(2))
     if fits.all() or not fits.any():
-        return Corners(corners.index, uv, sigma)
+        return Corners(corners.index, uv, sigma, shape, first.smeared)
     place = target.points[corners.index, :2] / target.square
     maps = _maps_of(place, Corners(corners.index, uv, sigma).subset(fits), target)
     again = ~fits & maps.determined & _inside(maps.centres, grey.shape)
-    second_uv, second_sigma, second_fits = fitted(maps.centres[again], again)
-    index = np.flatnonzero(again)[second_fits]
-    uv[index], sigma[index], fits[index] = second_uv[second_fits], second_sigma[second_fits], True
-    return _without_strays(Corners(corners.index, uv, sigma), fits, target)
+    second, good = fitted(maps.centres[again], again)
+    index = np.flatnonzero(again)[good]
+    uv[index], sigma[index], shape[index] = second.uv[good], second.sigma_px[good], second.shape[good]
+    fits[index] = True
+    return _without_strays(Corners(corners.index, uv, sigma, shape, first.smeared), fits, target)
 
 
 def _maps_of(places: Array, corners: Corners, target: Charuco) -> LocalMaps:

@@ -20,7 +20,7 @@ from calibrant.detection.charuco.by_camera import agrees, maps_from_camera
 from calibrant.detection.charuco.corners import Corners, corner_anchors, corners_at, grow_corners, marker_anchors
 from calibrant.detection.charuco.reasons import another_board, why_not_found
 from calibrant.detection.charuco.size import measured_marker
-from calibrant.detection.detection import Detection
+from calibrant.detection.detection import Detection, covariance_of
 from calibrant.detection.opencv import Markers
 from calibrant.detection.subpixel.refinement import DEFAULT, Refinement
 from calibrant.detection.tags.agreement import agreeing_group, is_negative, read_markers
@@ -230,6 +230,8 @@ def _detection(target: Charuco, board: _Board, marker: float | None) -> Detectio
     if board.printed.inverted != target.inverted:
         colours, option = ("a", "add :inverted") if board.printed.inverted else ("not a", "leave :inverted out")
         notes.append(f"The board is {colours} negative: {option} in the spec to say so.")
+    found = board.corners
     return Detection(
-        target.point_ids[board.corners.index], board.corners.uv, board.corners.sigma_px, notes=tuple(notes)
-    )
+        target.point_ids[found.index], found.uv, found.sigma_px, notes=tuple(notes),
+        covariance_px=covariance_of(found.sigma_px, found.shape), smeared=found.smeared,
+    )  # fmt: skip

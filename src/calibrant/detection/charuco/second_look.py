@@ -109,4 +109,7 @@ def _detect_again(
 
 def _with_points(view: View, found: Detection, target: Charuco) -> View:
     rows: Sequence[int] = np.searchsorted(target.point_ids, found.point_ids).tolist()
-    return replace(view, points=target.points[rows], uv=found.uv, point_ids=found.point_ids, sigma_px=found.sigma_px)
+    return replace(
+        view, points=target.points[rows], uv=found.uv, point_ids=found.point_ids,
+        sigma_px=found.sigma_px, covariance_px=found.covariance_px,
+    )  # fmt: skip

@@ -23,8 +23,8 @@ from calibrant.detection.chessboard.partial import Placed, place
 from calibrant.detection.chessboard.snap import steps_at
 from calibrant.detection.chessboard.strays import stray_corners
 from calibrant.detection.detection import Detection
+from calibrant.detection.subpixel.refined import WINDOWS_OF_BLUR, Refined
 from calibrant.detection.subpixel.refinement import DEFAULT, Refinement, refine
-from calibrant.detection.subpixel.saddle import Refined
 from calibrant.errors import InputError
 from calibrant.opencv import cv2
 from calibrant.targets.chessboard import Chessboard
@@ -40,8 +40,6 @@ picture unless it lies in the shade, and then all are looked at."""
 WINDOW_PX = 6.0
 """Half width of the window of sub-pixel corners, where the squares leave room: at 2 grey levels of noise a corner is
 known to 0.01 px; time grows with its square, and so does the pull of edges bent by the lens."""
-WINDOWS_OF_BLUR = 3.0
-"""Half width of the window over the blur: an edge reaches its full contrast within it."""
 LEAST_SEEN = 0.7
 """Of a board's corners; the others may be hidden by glare or a finger. With fewer, its extent is a guess."""
 LEAST_COUNT = 24
@@ -149,7 +147,11 @@ def _measured(grey: Grey, placed: Placed, factor: int, target: Chessboard, least
     row, column = np.argwhere(grid.known)[good].T
     ids = (row + placed.row) * target.columns + column + placed.column
     notes = () if target.turns_unnoticed_deg is None else (_ambiguous(target),)
-    return Detection(ids.astype(np.int64), refined.uv[good], refined.sigma_px[good], notes=notes)
+    covariance = None if refined.covariance_px is None else refined.covariance_px[good]
+    return Detection(
+        ids.astype(np.int64), refined.uv[good], refined.sigma_px[good], notes=notes,
+        covariance_px=covariance, smeared=refined.smeared,
+    )  # fmt: skip
 
 
 def _part(grey: Grey, seen: list[_Found], target: Chessboard, how: Refinement) -> Detection | None:
@@ -194,7 +196,8 @@ def _refined_grid(grey: Grey, grid: Grid, factor: int, how: Refinement) -> Refin
     # From where the first fit put them: other methods have no model of blur to find their way with.
     start = np.where(refined.converged[:, None], refined.uv, start)
     other = refine(grey, start, steps, dark, how=how, radius_px=radius, blur_px=blur)
-    return replace(refined, uv=other.uv, sigma_px=other.sigma_px, converged=refined.converged & other.converged)
+    return replace(other, contrast=refined.contrast, noise=refined.noise, blur_px=refined.blur_px,
+                   converged=refined.converged & other.converged)  # fmt: skip
 
 
 def _oriented(grid: Grid, target: Chessboard) -> Grid:

@@ -25,7 +25,7 @@ import numpy as np
 from calibrant.arrays import Array, Grey
 from calibrant.compiled import compiled, compiled_part
 from calibrant.detection.subpixel.noise import noise_variance, raster_variance
-from calibrant.detection.subpixel.saddle import Refined, Zone, zone_of
+from calibrant.detection.subpixel.refined import Refined, Zone, zone_of
 
 MOST_STEPS = 30
 FULL_STEPS = 15

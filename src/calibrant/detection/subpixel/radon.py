@@ -22,7 +22,7 @@ import numpy as np
 from calibrant.arrays import Array, Grey
 from calibrant.compiled import compiled, compiled_part
 from calibrant.detection.subpixel.noise import noise_variance, raster_variance
-from calibrant.detection.subpixel.saddle import Refined
+from calibrant.detection.subpixel.refined import Refined
 
 ANGLES = 36
 """Every 5 degrees: the lightest line may lie anywhere within its squares."""

@@ -12,7 +12,7 @@ from calibrant.arrays import Array
 from calibrant.errors import InputError
 
 if TYPE_CHECKING:
-    from calibrant.detection.subpixel.saddle import Refined
+    from calibrant.detection.subpixel.refined import Refined
 
 METHODS = ("saddle", "foerstner", "radon")
 LEAST_WINDOW, MOST_WINDOW = 0.05, 0.5
@@ -71,14 +71,14 @@ def refine(
     width of the window in pixels where none was asked for; blur_px: the blur to start from.
     """
     # Kernels are loaded when something is measured, and methods that are not asked for never.
-    from calibrant.detection.subpixel import saddle
+    from calibrant.detection.subpixel import motion, saddle
 
     window = min(how.window if how.window is not None else saddle.WINDOW, most)
     if how.method == "saddle":
         scaled = steps * (window / saddle.WINDOW)
         longest = float(np.abs(steps).max(initial=1.0)) * window * np.sqrt(2.0)
         radius = radius_px if how.window is None else max(radius_px, longest)
-        return saddle.refine(grey, uv, scaled, dark, radius_px=radius, blur_px=blur_px, zero_zone_px=how.zero_zone_px)
+        return motion.refine(grey, uv, scaled, dark, radius_px=radius, blur_px=blur_px, zero_zone_px=how.zero_zone_px)
     nearest = np.minimum(np.hypot(steps[:, 0], steps[:, 1]), np.hypot(steps[:, 2], steps[:, 3]))
     half = window * nearest
     if how.method == "foerstner":

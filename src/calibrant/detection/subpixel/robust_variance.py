@@ -21,18 +21,23 @@ LEAST_GROUPS = 150
 """Over all places: the ratio of variances is then known to a tenth, by two axes each. With fewer it is taken for 1."""
 
 
-@compiled_part("void(float64[:, ::1], float64[::1], float64[:, ::1], int64[::1], int64, float64, float64[::1])")
+@compiled_part("void(float64[:, ::1], float64[::1], float64[:, ::1], int64[::1], int64, float64, float64[:, ::1])")
 def sum_groups(J, r, cofactors, group, count, variance, sums):  # type: ignore[no-untyped-def]
-    """Fills sums (3,): over the groups, the squares of sums of g r in variances of (x, y); what noise gives; count.
+    """Fills sums (2, 6) of the even groups and of the odd: over the groups, the squares of sums of g r in variances of
+    (x, y); what noise gives; count; and their shares of the cofactors xx, xy, yy of (x, y).
 
     J (p, n), r (n,); cofactors (p, p): (J J^T)^-1, of which x and y are first; group (n,) below count; variance of r.
     """
     p, n = J.shape
     scale = cofactors[0, 0] + cofactors[1, 1]
-    share, taken = np.empty(n), np.empty((count, p))
+    shares, taken = np.empty((2, n)), np.empty((count, p))
     shift, energy = np.empty(count), np.empty(count)
-    sums[0], sums[1], sums[2] = 0.0, 0.0, count
+    for half in range(2):
+        for i in range(6):
+            sums[half, i] = 0.0
+        sums[half, 2] = (count + 1 - half) // 2
     for axis in range(2):
+        share = shares[axis]
         for k in range(n):
             share[k] = 0.0
         for i in range(p):
@@ -48,17 +53,21 @@ def sum_groups(J, r, cofactors, group, count, variance, sums):  # type: ignore[n
             for i in range(p):
                 taken[group[k], i] += share[k] * J[i, k]
         for part in range(count):
-            sums[0] += shift[part] * shift[part] / (variance * scale)
-            sums[1] += energy[part] / scale
+            half = sums[part % 2]
+            half[0] += shift[part] * shift[part] / (variance * scale)
+            half[1] += energy[part] / scale
+            half[3 + 2 * axis] += energy[part]
             # Residuals are noise less what the fit took of it: g^T (I - J C J^T) g within the group.
             for i in range(p):
                 product = 0.0
                 for j in range(p):
                     product += cofactors[i, j] * taken[part, j]
-                sums[1] -= taken[part, i] * product / scale
+                half[1] -= taken[part, i] * product / scale
+    for k in range(n):
+        sums[group[k] % 2, 4] += shares[0, k] * shares[1, k]
 
 
 def variance_ratio(sums: NDArray[np.float64]) -> float:
-    """Of the misfits' effect over noise's, from the sums (n, 3) of the places of a picture."""
-    found, expected, count = sums.sum(axis=0)
+    """Of the misfits' effect over noise's, from the sums (n, …, 6) of the places of a picture."""
+    found, expected, count = sums.reshape(-1, 6).sum(axis=0)[:3]
     return float(found / expected) if count >= LEAST_GROUPS else 1.0

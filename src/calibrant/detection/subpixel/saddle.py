@@ -25,7 +25,6 @@ corner's own residuals: noise, blur and contrast all show in it; times what thes
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +32,9 @@ from numpy.typing import NDArray
 from calibrant.arrays import Array, Grey
 from calibrant.compiled import compiled, compiled_part
 from calibrant.detection.subpixel.blurred_step import step_and_bell
+from calibrant.detection.subpixel.moved_edges import linearise_moved
 from calibrant.detection.subpixel.normal_equations import factor, invert, products, solve
+from calibrant.detection.subpixel.refined import Refined, Zone, zone_of
 from calibrant.detection.subpixel.robust_variance import GROUP_PX, sum_groups, variance_ratio
 
 WINDOW = 0.4
@@ -62,31 +63,11 @@ LEAST_LOG_BLUR = math.log(0.25)
 
 LEAST_VARIANCE = 1 / 12
 """Of grey values: what rounding to whole levels adds. A drawing without noise is no more certain than that."""
+MOST_STRETCH = 3.0
+"""Of d and o of `moved_edges`: blur that is e^3 times as wide one way as the other fits into no window."""
 LOG_BLUR_SIGMA = 1.0
 """Edges sharper than a pixel show only their distance over their blur: corner and blur are then known together, from
 what is known of blur beforehand, a factor of e. Wherever an edge shows its blur this says nothing."""
-
-
-@dataclass(frozen=True, eq=False)
-class Refined:
-    """uv (n, 2) pixels; sigma_px (n,) per axis; contrast and noise (n,) grey levels; blur_px (n,) 1 sigma of edges'
-    blur; converged (n,)."""
-
-    uv: Array
-    sigma_px: Array
-    contrast: Array
-    noise: Array
-    blur_px: Array
-    converged: NDArray[np.bool_]
-
-
-Zone = float | tuple[float, float]
-"""Half widths, px, of what is left out around a corner: one for both axes, or along x and along y."""
-
-
-def zone_of(zone: Zone) -> Array:
-    """The half widths along x and y, (2,)."""
-    return np.broadcast_to(np.asarray(zone, dtype=np.float64), 2).copy()
 
 
 def refine(
@@ -106,6 +87,30 @@ def refine(
     uncertainty of uv; zero_zone_px: half width of the square around the corner that is left out, 0 for none, or
     its half widths along x and y.
     """
+    return refined(
+        *fit(grey, uv, steps, dark, radius_px=radius_px, blur_px=blur_px, zero_zone_px=zero_zone_px),
+    )
+
+
+def refined(fitted: Array, sigma: Array, pieces: Array) -> Refined:
+    """What `fit` found without a stretch."""
+    ok = np.isfinite(sigma[:, 0])
+    spread = sigma[:, 0] * np.sqrt(variance_ratio(pieces[ok]))
+    return Refined(fitted[:, :2], spread, np.abs(fitted[:, 6]), sigma[:, 1], np.exp(fitted[:, 4]), ok)
+
+
+def fit(
+    grey: Grey,
+    uv: Array,
+    steps: Array,
+    dark: NDArray[np.bool_],
+    *,
+    radius_px: float,
+    blur_px: float,
+    zero_zone_px: Zone,
+    begin: Array | None = None,
+) -> tuple[Array, Array, Array]:
+    """As `refine`, with all that `_fit` hands back. begin (n, 13): where to start, with d and o of `moved_edges`."""
     fitted, sigma, pieces = _fit(
         grey,
         np.ascontiguousarray(uv, dtype=np.float64),
@@ -113,11 +118,10 @@ def refine(
         np.ascontiguousarray(dark, dtype=np.bool_),
         float(radius_px),
         float(blur_px),
+        np.empty((0, PARAMETERS)) if begin is None else np.ascontiguousarray(begin),
         zone_of(zero_zone_px),
     )
-    ok = np.isfinite(sigma[:, 0])
-    sigma[:, 0] *= np.sqrt(variance_ratio(pieces[ok]))
-    return Refined(fitted[:, :2], sigma[:, 0], np.abs(fitted[:, 6]), sigma[:, 1], np.exp(fitted[:, 4]), ok)
+    return fitted, sigma, pieces
 
 
 @compiled_part(
@@ -176,8 +180,8 @@ def _linearise(window, p, J, residuals):  # type: ignore[no-untyped-def]
     forceinline=True,
 )
 def _normal_equations(window, p, prior, J, residuals, JtJ, Jtr):  # type: ignore[no-untyped-def]
-    """Fills JtJ (11, 11) and Jtr (11,); returns the cost. prior (2,): the noise's variance over that of each k."""
-    cost = _linearise(window, p, J, residuals)
+    """Fills JtJ (p, p) and Jtr (p,); returns the cost. prior (2,): the noise's variance over that of each k."""
+    cost = _linearise(window, p, J, residuals) if len(p) == PARAMETERS else linearise_moved(window, p, J, residuals)
     products(J, residuals, JtJ, Jtr)
     for i in range(THIRD_MOMENTS):
         k = PARAMETERS - THIRD_MOMENTS + i
@@ -236,11 +240,11 @@ def _start(values, centre, step, dark, blur, p):  # type: ignore[no-untyped-def]
 )
 def _descend(window, p, most_blur, small_step, prior, JtJ):  # type: ignore[no-untyped-def]
     """Levenberg-Marquardt on p, in place; fills J^T J there; returns the sum of squared residuals."""
-    n = window.shape[1]
-    Jtr, trial_JtJ, trial_Jtr = np.empty(PARAMETERS), np.empty((PARAMETERS, PARAMETERS)), np.empty(PARAMETERS)
-    J, residuals = np.empty((PARAMETERS, n)), np.empty(n)
-    L, delta, trial = np.empty((PARAMETERS, PARAMETERS)), np.empty(PARAMETERS), np.empty(PARAMETERS)
-    for i in range(PARAMETERS):
+    n, m = window.shape[1], len(p)
+    Jtr, trial_JtJ, trial_Jtr = np.empty(m), np.empty((m, m)), np.empty(m)
+    J, residuals = np.empty((m, n)), np.empty(n)
+    L, delta, trial = np.empty((m, m)), np.empty(m), np.empty(m)
+    for i in range(m):
         trial[i] = p[i]
     cost, damping, moved, promised = np.inf, 1e-3, np.inf, 0.0
     # The equations stand in one place of the loop, for they are compiled as often as they stand there.
@@ -248,9 +252,9 @@ def _descend(window, p, most_blur, small_step, prior, JtJ):  # type: ignore[no-u
         trial_cost = _normal_equations(window, trial, prior, J, residuals, trial_JtJ, trial_Jtr)
         if step == 0 or trial_cost < cost:
             cost = trial_cost
-            for i in range(PARAMETERS):
+            for i in range(m):
                 p[i], Jtr[i] = trial[i], trial_Jtr[i]
-                for j in range(PARAMETERS):
+                for j in range(m):
                     JtJ[i, j] = trial_JtJ[i, j]
             damping *= 0.1 if step > 0 else 1.0
         else:
@@ -262,26 +266,31 @@ def _descend(window, p, most_blur, small_step, prior, JtJ):  # type: ignore[no-u
         factor(JtJ, damping, L)
         solve(L, Jtr, delta)
         promised = 0.0
-        for i in range(PARAMETERS):
+        for i in range(m):
             trial[i] = p[i] + delta[i]
             promised += delta[i] * Jtr[i]
         trial[4] = min(max(trial[4], LEAST_LOG_BLUR), math.log(most_blur))
+        for i in range(PARAMETERS, m):
+            trial[i] = min(max(trial[i], -MOST_STRETCH), MOST_STRETCH)
         moved = abs(delta[0]) + abs(delta[1])
         if moved < small_step and promised < SMALL_GAIN * cost:
             # What such a step changes in J is less than what there is to say about it.
-            for i in range(PARAMETERS):
+            for i in range(m):
                 p[i] = trial[i]
             cost -= promised
             break
     return cost
 
 
-@compiled_part("void(float64[:, ::1], float64[::1], float64[:, ::1], float64, float64[::1])", forceinline=True)
+@compiled_part("void(float64[:, ::1], float64[::1], float64[:, ::1], float64, float64[:, ::1])", forceinline=True)
 def _sum_pieces(window, p, cofactors, variance, sums):  # type: ignore[no-untyped-def]
-    """Fills sums (3,) of `robust_variance`."""
+    """Fills sums (2, 6) of `robust_variance`, of the pieces of either edge."""
     n = window.shape[1]
-    J, r, group = np.empty((PARAMETERS, n)), np.empty(n), np.empty(n, np.int64)
-    _linearise(window, p, J, r)
+    J, r, group = np.empty((len(p), n)), np.empty(n), np.empty(n, np.int64)
+    if len(p) == PARAMETERS:
+        _linearise(window, p, J, r)
+    else:
+        linearise_moved(window, p, J, r)
     ca, sa, cb, sb = math.cos(p[2]), math.sin(p[2]), math.cos(p[3]), math.sin(p[3])
     furthest = 0
     for k in range(n):
@@ -295,32 +304,39 @@ def _sum_pieces(window, p, cofactors, variance, sums):  # type: ignore[no-untype
 
 
 @compiled(
-    "UniTuple(float64[:, ::1], 3)(uint8[:, ::1], float64[:, ::1], float64[:, ::1], boolean[::1], float64, float64, "
-    "float64[::1])"
+    "Tuple((float64[:, ::1], float64[:, ::1], float64[:, :, ::1]))(uint8[:, ::1], float64[:, ::1], float64[:, ::1], "
+    "boolean[::1], float64, float64, float64[:, ::1], float64[::1])"
 )
-def _fit(grey, uv, steps, dark, radius, blur, zero):  # type: ignore[no-untyped-def]
-    """Parameters (n, 11); (n, 2): standard deviation per axis in px (infinite where it failed) and of grey, taking
-    residuals for noise; (n, 3) sums over pieces of edges."""
-    n = len(uv)
-    fitted, sigma = np.empty((n, PARAMETERS)), np.empty((n, 2))
+def _fit(grey, uv, steps, dark, radius, blur, begin, zero):  # type: ignore[no-untyped-def]
+    """Parameters (n, m), from where they begin (n, m), m = 13; or m = 11, without the two of `moved_edges`, from uv.
+
+    And (n, 5): standard deviation per axis in px (infinite where it failed) and of grey, taking residuals for noise,
+    and cofactors xx, xy, yy of the corner; (n, 2, 6) sums over pieces of edges.
+    """
+    n, m = len(uv), begin.shape[1]
+    fitted, sigma = np.empty((n, m)), np.empty((n, 5))
     side = 2 * int(radius) + 4
     pixels = np.empty((3, side * side))
-    JtJ, L = np.empty((PARAMETERS, PARAMETERS)), np.empty((PARAMETERS, PARAMETERS))
-    pieces, cofactors, prior = np.empty((n, 3)), np.empty((PARAMETERS, PARAMETERS)), np.empty(2)
+    JtJ, L = np.empty((m, m)), np.empty((m, m))
+    pieces, cofactors, prior = np.empty((n, 2, 6)), np.empty((m, m)), np.empty(2)
     for i in range(n):
-        sigma[i, 0], sigma[i, 1] = np.inf, np.inf
-        pieces[i, 0], pieces[i, 1], pieces[i, 2] = 0.0, 0.0, 0.0
-        p, step = fitted[i], steps[i]
-        for k in range(PARAMETERS):
+        for k in range(6):
+            pieces[i, 0, k], pieces[i, 1, k] = 0.0, 0.0
+        sigma[i, 0], sigma[i, 1], p, step = np.inf, np.inf, fitted[i], steps[i]
+        for k in range(m):
             p[k] = 0.0
         count = _window(grey, uv[i], step, radius, zero, pixels)
-        if count < LEAST_PIXELS:
+        if count < LEAST_PIXELS + 3 * (m - PARAMETERS):
             p[0], p[1] = uv[i, 0], uv[i, 1]
             continue
         window = np.empty((3, count))
         for k in range(count):
             window[0, k], window[1, k], window[2, k] = pixels[0, k], pixels[1, k], pixels[2, k]
-        _start(window[2], uv[i], step, dark[i], blur, p)
+        if len(begin) == 0:
+            _start(window[2], uv[i], step, dark[i], blur, p)
+        else:
+            for k in range(m):
+                p[k] = begin[i, k]
         prior[0], prior[1] = 1.0 / (FLAT_PX3 * FLAT_PX3), 1.0 / (FLAT_PX3 * FLAT_PX3)
         cost, variance = 0.0, 0.0
         # First to where it can be told whether the third moments matter, then all the way.
@@ -332,8 +348,10 @@ def _fit(grey, uv, steps, dark, radius, blur, zero):  # type: ignore[no-untyped-
                     deviation_a, deviation_b = max(raster_a, FLAT_PX3), max(raster_b, FLAT_PX3)
                     prior[0], prior[1] = variance / (deviation_a * deviation_a), variance / (deviation_b * deviation_b)
             cost = _descend(window, p, radius, SMALL_STEP_PX if stage > 0 else ROUGH_STEP_PX, prior, JtJ)
-            variance = max(cost / (count - PARAMETERS + THIRD_MOMENTS), LEAST_VARIANCE)
+            variance = max(cost / (count - m + THIRD_MOMENTS), LEAST_VARIANCE)
         JtJ[4, 4] += variance / LOG_BLUR_SIGMA**2
+        for k in range(PARAMETERS, m):
+            JtJ[k, k] += variance / LOG_BLUR_SIGMA**2
         factor(JtJ, 0.0, L)
         invert(L, cofactors)
         spread = 0.5 * variance * (cofactors[0, 0] + cofactors[1, 1])
@@ -341,6 +359,7 @@ def _fit(grey, uv, steps, dark, radius, blur, zero):  # type: ignore[no-untyped-
         limit = min(WINDOW * min(math.hypot(step[0], step[1]), math.hypot(step[2], step[3])), 0.5 * radius)
         moved = math.hypot(p[0] - uv[i, 0], p[1] - uv[i, 1])
         sigma[i, 1] = math.sqrt(variance)
+        sigma[i, 2], sigma[i, 3], sigma[i, 4] = cofactors[0, 0], cofactors[0, 1], cofactors[1, 1]
         # Nor is anything known of one whose deviation is as large.
         if 0.0 < spread < limit * limit and moved < limit and (p[6] > 0.0) == dark[i]:
             sigma[i, 0] = math.sqrt(spread)

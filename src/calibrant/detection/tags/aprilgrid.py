@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.arrays import Array, Grey
-from calibrant.detection.detection import Detection
+from calibrant.detection.detection import Detection, covariance_of
 from calibrant.detection.local_homography import fit_local_maps
 from calibrant.detection.opencv import Markers
-from calibrant.detection.subpixel import saddle
+from calibrant.detection.subpixel import motion, saddle
 from calibrant.detection.tags.detector import shows_cells
 from calibrant.detection.tags.quad_edges import refine_quads
 from calibrant.detection.tags.search import efforts, find_markers
@@ -104,16 +104,17 @@ def _detection(grey: Grey, target: AprilGrid, markers: Markers) -> Detection | N
     n = len(target.point_ids)
     uv, sigma = np.full((n, 2), np.nan), np.full(n, ROUGH_SIGMA_PX)
     uv[target.tag_points[markers.ids].ravel()] = markers.corners.reshape(-1, 2)
-    uv, sigma = _refined_tags(grey, target, uv, sigma)
+    uv, sigma, shape = _refined_tags(grey, target, uv, sigma)
     for _ in range(target.columns + target.rows):
         more = _predicted(grey, target, uv, sigma)
         if more is None:
             break
-        uv, sigma = more
+        uv, sigma, shape = more
     found = np.flatnonzero(~np.isnan(uv[:, 0]))
     if len(found) < 4 * LEAST_TAGS:
         return None
-    return Detection(target.point_ids[found], uv[found], sigma[found])
+    covariance = covariance_of(sigma[found], shape[found])
+    return Detection(target.point_ids[found], uv[found], sigma[found], covariance_px=covariance)
 
 
 def _prediction_error(xy: Array, corners: Array) -> Array:
@@ -130,7 +131,7 @@ def _prediction_error(xy: Array, corners: Array) -> Array:
     return error
 
 
-def _predicted(grey: Grey, target: AprilGrid, uv: Array, sigma: Array) -> tuple[Array, Array] | None:
+def _predicted(grey: Grey, target: AprilGrid, uv: Array, sigma: Array) -> tuple[Array, Array, Array] | None:
     """With the tags that can be read where the corners known so far put them; None when there is no such tag."""
     xy = target.points[:, :2] / target.tag
     known = ~np.isnan(uv[:, 0])
@@ -146,14 +147,15 @@ def _predicted(grey: Grey, target: AprilGrid, uv: Array, sigma: Array) -> tuple[
     sure[sure] = _with_codes(grey, target, tags[sure], corners[sure])
     if not sure.any():
         return None
-    trial, spread = uv.copy(), sigma.copy()
+    trial = uv.copy()
     trial[target.tag_points[tags[sure]].ravel()] = corners[sure].reshape(-1, 2)
-    trial, spread = _refined_tags(grey, target, trial, spread)
-    return (trial, spread) if (~np.isnan(trial[:, 0])).sum() > known.sum() else None
+    found = _refined_tags(grey, target, trial, sigma)
+    return found if (~np.isnan(found[0][:, 0])).sum() > known.sum() else None
 
 
-def _refined_tags(grey: Grey, target: AprilGrid, uv: Array, sigma: Array) -> tuple[Array, Array]:
-    """All corners known (NaN where not) moved onto their saddles, those without one left out; and their sigma_px."""
+def _refined_tags(grey: Grey, target: AprilGrid, uv: Array, sigma: Array) -> tuple[Array, Array, Array]:
+    """All corners known (NaN where not) moved onto their saddles, those without one left out; and their sigma_px and
+    shape, as those of `Refined`."""
     index = np.flatnonzero(~np.isnan(uv[:, 0]))
     xy = target.points[index, :2] / target.tag
     maps = fit_local_maps(xy, xy, uv[index], np.maximum(sigma[index], CORNER_SIGMA_PX))
@@ -164,10 +166,12 @@ def _refined_tags(grey: Grey, target: AprilGrid, uv: Array, sigma: Array) -> tup
     row, column = np.divmod(index, 2 * target.columns)
     # Right of and below a corner lies its tag when it is an upper left one, a small square when a lower right one.
     dark = (row % 2 == 1) == (column % 2 == 0)
-    refined = saddle.refine(grey, uv[index], steps, dark, blur_px=1.0)
+    refined = motion.refine(grey, uv[index], steps, dark, blur_px=1.0)
     moved = np.linalg.norm(refined.uv - uv[index], axis=1)
     near = moved < np.maximum(MOVE_TAGS * maps.square_px, 2.0 * ROUGH_SIGMA_PX)
     good = refined.converged & near & (refined.noise < refined.contrast)
     new_uv, new_sigma = np.full_like(uv, np.nan), np.full_like(sigma, ROUGH_SIGMA_PX)
+    shape = np.tile(np.eye(2), (len(uv), 1, 1))
     new_uv[index[good]], new_sigma[index[good]] = refined.uv[good], refined.sigma_px[good]
-    return new_uv, new_sigma
+    shape[index[good]] = refined.shape[good]
+    return new_uv, new_sigma, shape

@@ -128,7 +128,7 @@ def _looked(frames: Iterable[Frame], state: Session, taken: _Taken, request: Req
             taken.pictures.append(Document(file, _png(frame)))
         taken.views.append(
             View(frame.name, board.points[rows], detection.uv, detection.point_ids, sigma_px=detection.sigma_px,
-                 file=None if file is None else str(file))
+                 covariance_px=detection.covariance_px, file=None if file is None else str(file))
         )  # fmt: skip
         yield state
 

@@ -62,8 +62,8 @@ def seen_now(camera: Camera, views: Sequence[View]) -> Seen:
     stacked = stack(kept)
     sigmas = np.split(found.sigma_px * stacked.sigma, stacked.offsets[1:-1])
     # The detector's own word: what the residuals show beyond it is asked where the lens is free too.
-    words = [v.subset(np.isin(v.point_ids, p.view.point_ids)).sigma_px for v, p in zip(usable, found.views)]
-    kept = tuple(replace(v, sigma_px=word) for v, word in zip(kept, words))
+    words = [v.subset(np.isin(v.point_ids, p.view.point_ids)) for v, p in zip(usable, found.views)]
+    kept = tuple(replace(v, sigma_px=word.sigma_px, covariance_px=word.covariance_px) for v, word in zip(kept, words))
     return Seen(kept, tuple(sigmas), np.stack([p.best.T_camera_target for p in found.views]))
 
 

@@ -136,7 +136,7 @@ class Clocks:
         modes = late[:, :, None] * speed
         start = points - np.tensordot(self.at[camera], modes, axes=1)
         return (
-            StackedViews(start, views.uv, views.sigma, views.offsets),
+            replace(views, points=start),
             TargetModes(clock_variable(camera), modes),
         )
 

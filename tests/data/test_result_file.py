@@ -30,6 +30,8 @@ from calibrant.data import (
 )
 from calibrant.data.details import (
     DETAILS,
+    ArmError,
+    ArmErrors,
     BentTarget,
     CameraClock,
     CameraClocks,
@@ -75,6 +77,7 @@ TURNED = ((1 / 3, 0.1, 0.2), (0.3, 1 / 7, 0.5), (0.0, 0.0, 1.0))
 def details() -> tuple[object, ...]:
     """A record of every class that is registered."""
     return (
+        ArmErrors({"a": ArmError(0.1, 0.2, 1 / 3, False)}),
         RobotParameters(
             {"a": (RobotParameter("q1", "rad", 0.1 + 0.2, 1 / 3), RobotParameter("q2", "m", 0.0, None, "no"))}
         ),

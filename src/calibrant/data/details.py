@@ -38,6 +38,27 @@ class RobotParameters:
 
 
 @dataclass(frozen=True)
+class ArmError:
+    """What an arm's own geometry errs by at the flange, rms over where it worked, by a hand-eye's data.
+
+    held_mm: in every sigma; unseen_mm: what it could be beside without contradicting the data, 95 %, or, assumed, what
+    arms as delivered err by; camera_mm: what the latter would move the camera by, 1 sigma, its worst axis.
+    """
+
+    held_mm: float
+    unseen_mm: float
+    camera_mm: float
+    assumed: bool
+
+
+@dataclass(frozen=True)
+class ArmErrors:
+    """By robot; none for one whose accuracy was told."""
+
+    robots: Mapping[str, ArmError]
+
+
+@dataclass(frozen=True)
 class JointAxis:
     """An axis in the measuring frame: its direction, a point on it (metres), 1 sigma of tilt and of shift.
 
@@ -351,6 +372,7 @@ class CameraClocks:
 
 DETAILS: Mapping[str, type] = {
     "robot_parameters": RobotParameters,
+    "arm_errors": ArmErrors,
     "joint_axes": JointAxes,
     "model_choice": ModelChoice,
     "bent_target": BentTarget,

@@ -11,11 +11,10 @@ import numpy as np
 
 from calibrant.arrays import Array
 from calibrant.calibrate.cell import checks as questions
-from calibrant.calibrate.cell.certainty.checks import given_lens_check, lens_shift_check, shared_errors_check
 from calibrant.calibrate.cell.certainty.image_causes import no_cause_repeats
 from calibrant.calibrate.cell.certainty.lens import along_with
-from calibrant.calibrate.cell.certainty.moved_check import moved_check
-from calibrant.calibrate.cell.certainty.whole import Certainty, growth
+from calibrant.calibrate.cell.certainty.whole import Certainty
+from calibrant.calibrate.cell.certainty_checks import arm_errors_record, certainty_checks, named
 from calibrant.calibrate.cell.checks import LoopDeviations
 from calibrant.calibrate.cell.clocks import clocks_found
 from calibrant.calibrate.cell.fitted import fitted_cameras, fitted_transforms, said_poses
@@ -84,7 +83,11 @@ def cell_result(
         options=_asked(cell, asked),
         decided=_decided(cell),
         cell=None if plain else noise_by_name(cell, noise),
-        details=(*robot_parameters(cell, solution), *([clocks] if (clocks := clocks_found(cell, solution)) else [])),
+        details=(
+            *robot_parameters(cell, solution),
+            *arm_errors_record(cell, solution, certainty),
+            *([clocks] if (clocks := clocks_found(cell, solution)) else []),
+        ),
         observations=_observations(layout),
         robot_poses=_poses(cell, solution),
         T_camera_target=measured[0] if len(measured) == len(cell.data) == 1 else None,
@@ -159,28 +162,21 @@ def _checks(
         *_held_out_checks(cell, solution, held, loop),
         *_size_checks(cell, sizes, loop),
         *_image_checks(cell, noise, sizes),
-        *_certainty_checks(cell, solution, certainty),
+        *certainty_checks(cell, solution, certainty),
         *_position_checks(cell, transforms),
         *(_joints(cell, solution, robot) for robot in cell.free),
         questions.convergence_check(solution, noise.settled, noise.rounds),
     )
 
 
-def _named(check: Check, label: str) -> Check:
-    """The check with a label in its name and before its words; as it is for none."""
-    if not label:
-        return check
-    return replace(check, name=f"{check.name}-{label.replace(' ', '-')}", message=f"{label}: {check.message}")
-
-
 def _start_checks(cell: Cell, start: CellStart, numbering: Sequence[Check]) -> Iterable[Check]:
     """What was asked before the fit: the motions, the boards' numbering, the setups."""
     label = cell.layout.label
     for i, alone in sorted(start.alone.items()):
-        yield from (_named(c, label(i)) for c in questions.motion_checks(alone.report))
-    yield from (_named(questions.through_others_check(start.refused[i]), label(i)) for i in sorted(start.refused))
+        yield from (named(c, label(i)) for c in questions.motion_checks(alone.report))
+    yield from (named(questions.through_others_check(start.refused[i]), label(i)) for i in sorted(start.refused))
     yield from numbering
-    yield from (_named(alone.setup, label(i)) for i, alone in sorted(start.alone.items()))
+    yield from (named(alone.setup, label(i)) for i, alone in sorted(start.alone.items()))
 
 
 def _loop_checks(cell: Cell, start: CellStart, solution: Solution) -> Iterable[Check]:
@@ -196,12 +192,12 @@ def _loop_checks(cell: Cell, start: CellStart, solution: Solution) -> Iterable[C
         elif alone is not None:
             # What a list says by itself does not show that it contradicts the others.
             score = max(alone.seed.loop.score, score)
-        yield _named(questions.loop_check(loop, score), cell.layout.label(i))
+        yield named(questions.loop_check(loop, score), cell.layout.label(i))
 
 
 def _joints(cell: Cell, solution: Solution, robot: str) -> Check:
     found = cell.free[robot].parameters(solution, geometry_variable(robot))
-    return _named(questions.joints_check(found), robot if len(cell.free) > 1 else "")
+    return named(questions.joints_check(found), robot if len(cell.free) > 1 else "")
 
 
 def _size_checks(cell: Cell, sizes: Sizes, loop: LoopDeviations) -> Iterable[Check]:
@@ -210,9 +206,7 @@ def _size_checks(cell: Cell, sizes: Sizes, loop: LoopDeviations) -> Iterable[Che
     targets = cell.layout.target_names
     at_size = next(iter(sizes.loops.values())).rms if len(cell.data) == 1 and sizes.loops else None
     for target in targets:
-        yield _named(
-            questions.scale_check(sizes.targets.get(target), at_size, loop), target if len(targets) > 1 else ""
-        )
+        yield named(questions.scale_check(sizes.targets.get(target), at_size, loop), target if len(targets) > 1 else "")
 
 
 def _held_out_checks(
@@ -240,32 +234,14 @@ def _image_checks(cell: Cell, noise: NoiseEstimate, sizes: Sizes, *, repeats: bo
         role = cell.roles.get(cell.layout.pictures[i].camera)
         given = role is not None and (role.exact or role.prior is not None)
         checks = questions.image_poses_check(found, robot, repeats=repeats, given=given)
-        yield from (_named(c, cell.layout.label(i)) for c in checks)
-
-
-def _certainty_checks(cell: Cell, solution: Solution, certainty: Certainty) -> Iterable[Check]:
-    cameras = fitted_cameras(cell, solution)
-    for robot, shared in certainty.robots.items():
-        name = robot if len(cell.layout.robots) > 1 else ""
-        yield from (_named(c, name) for c in shared_errors_check(shared, growth(cell, solution)))
-    if certainty.moments is not None:
-        yield questions.moments_check(certainty.moments.times)
-    for robot, push in certainty.moves.items():
-        name = robot if len(cell.layout.robots) > 1 else ""
-        yield _named(moved_check(cell, solution, robot, push), name)
-    for camera, shift in certainty.lenses.items():
-        name = camera if len(cell.roles) > 1 else ""
-        yield from (_named(c, name) for c in lens_shift_check(cameras[camera], shift, rig=cell.layout.rig))
-    for camera, doubt in certainty.doubts.items():
-        name = camera if len(cell.roles) > 1 else ""
-        yield from (_named(c, name) for c in given_lens_check(cameras[camera], doubt, rig=cell.layout.rig))
+        yield from (named(c, cell.layout.label(i)) for c in checks)
 
 
 def _position_checks(cell: Cell, transforms: Sequence[TransformEstimate]) -> Iterable[Check]:
     """How certain each camera's position is."""
     layout = cell.layout
     cameras = [t for t in transforms if t.child in layout.cameras and (t.parent, t.child) in layout.unknown]
-    yield from (_named(questions.certainty_check(t), t.child if len(cameras) > 1 else "") for t in cameras)
+    yield from (named(questions.certainty_check(t), t.child if len(cameras) > 1 else "") for t in cameras)
 
 
 def _transforms(cell: Cell, solution: Solution) -> tuple[TransformEstimate, ...]:

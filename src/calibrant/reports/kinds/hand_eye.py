@@ -5,14 +5,15 @@ from __future__ import annotations
 from functools import partial
 
 from calibrant.data import CalibrationResult, TransformEstimate
+from calibrant.data.details import ArmErrors
 from calibrant.reports.parts.blocks import TextTable
 from calibrant.reports.parts.figures import Fact, noise_facts
 from calibrant.reports.parts.kind import Kind
-from calibrant.reports.parts.numbers import plain
+from calibrant.reports.parts.numbers import plain, sigma_text
 from calibrant.reports.parts.phrases import known, placed
 from calibrant.reports.parts.robot import robot_tables
 
-UNTOLD = "beside what this arm's own geometry errs by (--robot-accuracy, --identify)"
+UNTOLD = "beside what this arm's own geometry errs by{size} (--robot-accuracy, --identify)"
 """What no data of one arm hold: errors that are alike at all of its poses."""
 
 
@@ -42,7 +43,17 @@ def _answer(result: CalibrationResult) -> str:
     text = known(_camera_transforms(result))
     if not text or result.options.keys() & {"robot_accuracy", "identify"}:
         return text
-    return f"{text.removesuffix('.')}, {UNTOLD}."
+    return f"{text.removesuffix('.')}, {UNTOLD.format(size=_unseen(result))}."
+
+
+def _unseen(result: CalibrationResult) -> str:
+    """The size of what the arms' geometry may do without its data showing it; the worst of several."""
+    errors = result.detail(ArmErrors)
+    if errors is None or not errors.robots:
+        return ""
+    worst = max(errors.robots.values(), key=lambda e: e.camera_mm)
+    how = f", assumed, for {plain(worst.unseen_mm, digits=2)} mm at the flange" if worst.assumed else ""
+    return f" without showing it: {sigma_text(worst.camera_mm)} mm{how}"
 
 
 def _tables(result: CalibrationResult) -> list[TextTable]:

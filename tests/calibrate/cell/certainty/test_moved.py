@@ -32,7 +32,7 @@ def _found(seed: int, pushes: Array, *, on_flange: bool = False) -> tuple[Moved 
     said = se3.retract(true, LEVEL * rng.normal(size=(POSES, 6)))
     pictures = [Pictures("camera", "eye-in-hand", TargetPoses(ids, B))]
     fit = fit_cell(cb.RobotPoses(ids, said), pictures)
-    found = fit.certainty.moves.get(ONLY_ROBOT)
+    found = fit.certainty.poses.moves.get(ONLY_ROBOT)
     check = None if found is None else moved_check(fit.cell, fit.noise.solution, ONLY_ROBOT, found)
     return found, check, (scene.X if on_flange else Z)[:3, 3]
 

@@ -50,7 +50,7 @@ def _calibrated(seed: int, memory: float, n: int = 24) -> tuple[float, float]:
     name = variable(fit.cell.layout.unknown[0])
     solution = fit.noise.solution
     off = se3.local(scene.X, solution.value(name)[0])
-    return chi_square(off, solution.covariance(name)) / 6, fit.certainty.robots[ONLY_ROBOT].chance
+    return chi_square(off, solution.covariance(name)) / 6, fit.certainty.poses.shared[ONLY_ROBOT].chance
 
 
 @pytest.mark.statistics

@@ -67,16 +67,30 @@ def robot_accuracy(given: RobotAccuracy | float | str) -> RobotAccuracy:
 
 def accuracy_shares(errors: PoseErrors, accuracy: RobotAccuracy) -> Array:
     """What errors of the robot's geometry add to the covariance (s, s) of the shared unknowns."""
-    T = errors.T_base_gripper
-    distance = float(np.sqrt(np.mean(np.sum(T[:, :3, 3] ** 2, axis=1))))
-    lever = max(LEVER * distance, np.finfo(float).tiny)
-    F = by_place(T, metres=lever, radians=ALIKE_RADIANS)
-    turn = accuracy.metres / lever if accuracy.radians is None else accuracy.radians
-    per_axis = np.array([turn] * 3 + [accuracy.metres] * 3) / np.sqrt(3)
-    out = np.zeros_like(errors.covariance)
+    turn = 1.0 if accuracy.radians is None else accuracy.radians * _lever(errors.T_base_gripper) / accuracy.metres
+    E = geometry_field(errors.T_base_gripper, reach=LEVER, radians=ALIKE_RADIANS, turning=turn)
+    moved = accuracy.metres * errors.moved(E)
+    return np.asarray(moved @ moved.T)
+
+
+def geometry_field(T: Array, *, reach: float, radians: float, turning: float = 1.0) -> Array:
+    """Patterns E (n, 6, k), E E^T the field at poses T (n, 4, 4) of an arm that is off by a metre, rms.
+
+    reach, radians: over what errors are alike, in shares of the flange's distance from the base, and angles; turning:
+    the angle of its errors over a metre by the lever.
+    """
+    lever = _lever(T)
+    F = by_place(T, metres=reach / LEVER * lever, radians=radians)
+    per_axis = np.array([turning / lever] * 3 + [1.0] * 3) / np.sqrt(3)
+    parts = []
     for axes in (T[:, :3, :3], np.broadcast_to(np.eye(3), (len(T), 3, 3))):
         both = np.zeros((len(T), 6, 6))
         both[:, :3, :3] = both[:, 3:, 3:] = axes
-        moved = errors.moved(np.einsum("nab,nf->nafb", both * per_axis, F).reshape(len(T), 6, -1))
-        out += 0.5 * moved @ moved.T
-    return out
+        parts.append(np.sqrt(0.5) * np.einsum("nab,nf->nafb", both * per_axis, F).reshape(len(T), 6, -1))
+    return np.concatenate(parts, axis=2)
+
+
+def _lever(T: Array) -> float:
+    """By which an angle moves the flange."""
+    distance = float(np.sqrt(np.mean(np.sum(T[:, :3, 3] ** 2, axis=1))))
+    return max(LEVER * distance, float(np.finfo(float).tiny))

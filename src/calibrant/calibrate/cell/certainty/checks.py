@@ -9,6 +9,7 @@ from calibrant.calibrate.cell.certainty.lens import LensShift
 from calibrant.calibrate.cell.certainty.neighbours import NeighbourErrors
 from calibrant.cameras import Camera
 from calibrant.data import Check
+from calibrant.data.details import ArmError
 
 LIKELY = 0.99
 """Chance from which errors are said to be shared; sigma holds them from the first per cent on."""
@@ -28,6 +29,26 @@ def shared_errors_check(found: NeighbourErrors, growth: float) -> tuple[Check, .
     return (
         Check("shared-errors", "ok", f"{alike}; sigma holds it, {growth:.2g} times that of independent errors", growth),
     )
+
+
+def geometry_check(found: ArmError, *, seen: bool, identified: bool) -> Check:
+    """How far may the arm's own geometry be off, beside what sigma holds? seen: whether its poses show that it is;
+    identified: whether its geometry was found with the rest, as far as asked."""
+    arm, camera = f"{found.unseen_mm:.2g} mm", f"{found.camera_mm:.2g} mm"
+    held = (
+        f"the robot's poses err as those of an arm that is off by {found.held_mm:.2g} mm, which sigma holds; "
+        if seen
+        else ""
+    )
+    could = (
+        f"the poses tell little of the arm's own geometry: {arm} at the flange, assumed, as of an arm as delivered, "
+        f"would move the camera by {camera}"
+        if found.assumed
+        else f"errors of the arm's own geometry of up to {arm} at the flange (95 %) do not show in these poses, and "
+        f"would move the camera by {camera}"
+    )
+    cure = "--robot-accuracy says how large they are" + ("" if identified else ", --identify finds them")
+    return Check("robot-geometry", "ok", f"{held}{could} (1σ), smoother ones by more: {cure}", found.camera_mm)
 
 
 ROBOT_BENDS = ("the robot's poses", "the robot's errors (--identify)")

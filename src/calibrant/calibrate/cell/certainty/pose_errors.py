@@ -1,13 +1,15 @@
 """What errors of a robot's poses do to a cell: the loop's own residuals, pose by pose, and their pull.
 
-Pose i is what the robot said, with the normal block P_i of its noise, and what the images say of it. With V, W the
-blocks of its component and E its columns there, an error e_i of what was said moves the shared unknowns by
+Pose i is what the robot said, or what its geometry makes of the joints that were read, with the block P_i of its noise,
+and what the images say of it. With V, W the blocks of its component, and B_i, B_i,s the columns by which the terms of
+what was said couple the pose to the component and to the shared unknowns (of a pose that was said, P_i at its own place
+and nothing; else the joints' errors and the robot's geometry too), an error e_i of what was said moves the latter by
 
-    d = -C_s sum_i G_i e_i,     G_i = W^T V^-1 E P_i,
+    d = -C_s sum_i G_i e_i,     G_i = W^T V^-1 B_i - B_i,s,
 
-and leaves in the gradient g_i of its term, with e_i of covariance T_i, that of robot and image together,
+and leaves in the gradient g_i of its terms, with e_i of covariance T_i, that of robot and image together,
 
-    cov(g_i, g_j) = T_i^-1 [i = j] - G_i^T C_s G_j,     T_i^-1 = P_i - P_i E^T V^-1 E P_i,
+    cov(g_i, g_j) = T_i^-1 [i = j] - G_i^T C_s G_j,     T_i^-1 = P_i - B_i^T V^-1 B_i,
 
 since what a least-squares fit finds is uncorrelated with what it leaves. All in the units of T_i, of which
 `PoseErrors.units` holds a square root, residuals and pull are free of the robot's and the images' size.
@@ -20,7 +22,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibrant.arrays import Array
+from calibrant.arrays import Array, Indices
+from calibrant.optimize.factors import FactorBlocks
+from calibrant.optimize.problem import Problem
 from calibrant.optimize.solution import Solution
 from calibrant.optimize.structure import SHARED
 
@@ -57,34 +61,65 @@ class PoseErrors:
 
 
 def pose_errors(solution: Solution, poses: str, groups: Collection[str]) -> PoseErrors | None:
-    """The errors of the instances of the variable `poses`, whose noise groups these are.
+    """The errors of what was said of the instances of the variable `poses`, whose noise groups these are.
 
-    None where nothing is said of the poses by themselves (their joints are free).
+    None where nothing is said of them.
     """
     problem = solution.problem
-    i = problem.variable_index(poses)
-    placement, variable = problem.structure.placements[i], problem.variables[i]
-    P, g = np.zeros((variable.count, 6, 6)), np.zeros((variable.count, 6))
+    values = problem.variables[problem.variable_index(poses)].values  # as they were said
+    P, g = np.zeros((len(values), 6, 6)), np.zeros((len(values), 6))
+    coupled = _Coupled.none(problem, len(values))
     for k, factor in enumerate(problem.factors):
-        if factor.noise in groups and factor.variables == (poses,):
+        if factor.noise in groups and factor.variables[:1] == (poses,):
             blocks = solution.equations.factors[k]
-            np.add.at(P, factor.indices[0], blocks.H)
-            np.add.at(g, factor.indices[0], blocks.g)
-    if placement is None or not P.any():
+            np.add.at(P, factor.indices[0], blocks.H[:, :6, :6])
+            np.add.at(g, factor.indices[0], blocks.g[:, :6])
+            coupled.add(solution, k, blocks)
+    if not P.any() or problem.structure.placements[problem.variable_index(poses)] is None:
         return None
-    s = len(solution.equations.S)
-    pull, information = np.zeros((variable.count, s, 6)), P.copy()
-    columns = placement.offset[:, None] + np.arange(6)
-    for batch in np.unique(placement.batch).tolist():
-        mine = placement.batch == batch
-        if batch == SHARED:
-            pull[mine] = -np.eye(s)[columns[mine]].transpose(0, 2, 1) @ P[mine]
-            continue
-        rows, own = placement.row[mine], columns[mine]
-        into = np.take_along_axis(solution.component_inverses[batch][rows], own[:, None, :], axis=2) @ P[mine]
-        pull[mine] = np.swapaxes(solution.equations.W[batch][rows], 1, 2) @ into
-        information[mine] -= P[mine] @ np.take_along_axis(into, own[:, :, None], axis=1)
-    return PoseErrors(variable.values, g, information, pull, solution.shared_covariance)
+    pull, information = -coupled.shared, P
+    for batch in np.unique(coupled.batch[coupled.batch != SHARED]).tolist():
+        mine = coupled.batch == batch
+        rows = coupled.row[mine]
+        inverse, W = solution.component_inverses[batch][rows], solution.equations.W[batch][rows]
+        B = coupled.own[mine, : inverse.shape[1]]
+        through = inverse @ B
+        pull[mine] += np.swapaxes(W, 1, 2) @ through
+        information[mine] -= np.swapaxes(B, 1, 2) @ through
+    return PoseErrors(values, g, information, pull, solution.shared_covariance)
+
+
+@dataclass(frozen=True, eq=False)
+class _Coupled:
+    """B_i (n, b, 6) and B_i,s (n, s, 6), filled as terms are added; batch and row (n,): the component of each pose."""
+
+    own: Array
+    shared: Array
+    batch: Indices
+    row: Indices
+
+    @classmethod
+    def none(cls, problem: Problem, n: int) -> _Coupled:
+        largest = max((size for size, _ in problem.structure.batches), default=0)
+        shared = np.zeros((n, problem.structure.shared, 6))
+        return cls(np.zeros((n, largest, 6)), shared, np.full(n, SHARED), np.zeros(n, dtype=np.int64))
+
+    def add(self, solution: Solution, k: int, blocks: FactorBlocks) -> None:
+        """The terms of factor k, whose first unknown is the pose."""
+        problem = solution.problem
+        factor, pose = problem.factors[k], problem.factors[k].indices[0]
+        bases = problem.bases(k, solution.values)
+        for name, at, columns, basis in zip(factor.variables, factor.indices, blocks.pieces, bases):
+            place = problem.structure.placements[problem.variable_index(name)]
+            if place is None:
+                continue
+            H = blocks.H[:, columns, :6]
+            H = H if basis is None else np.swapaxes(basis, -1, -2) @ H
+            into = place.offset[at][:, None] + np.arange(place.dim)
+            dense = place.batch[at] == SHARED
+            np.add.at(self.shared, (pose[dense, None], into[dense]), H[dense])
+            np.add.at(self.own, (pose[~dense, None], into[~dense]), H[~dense])
+            self.batch[pose[~dense]], self.row[pose[~dense]] = place.batch[at][~dense], place.row[at][~dense]
 
 
 def _turned(T: Array) -> Array:

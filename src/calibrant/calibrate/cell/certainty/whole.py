@@ -9,6 +9,7 @@ import numpy as np
 
 from calibrant.arrays import Array
 from calibrant.calibrate.cell.certainty.accuracy import RobotAccuracy, accuracy_shares
+from calibrant.calibrate.cell.certainty.geometry import GeometryErrors, geometry_errors
 from calibrant.calibrate.cell.certainty.given_lens import LensDoubt, lens_doubt
 from calibrant.calibrate.cell.certainty.lens import LensShift, along_with, lens_shift
 from calibrant.calibrate.cell.certainty.moved import Moved, moved
@@ -21,19 +22,30 @@ from calibrant.calibrate.cell.problem.groups import lens_variable, robot_groups,
 from calibrant.calibrate.cell.problem.layout import poses_variable, variable
 from calibrant.calibrate.cell.problem.problem import Cell
 from calibrant.data import Measured
+from calibrant.data.details import ArmError
 from calibrant.optimize.noise import NoiseEstimate
 from calibrant.optimize.solution import Solution
 
 
 @dataclass(frozen=True, eq=False)
-class Certainty:
-    """What was added to the covariance, by robot and by camera; moves: what was pushed, by robot;
-    moments: what all that a rig saw at once errs alike by."""
+class ByPoses:
+    """What the errors of the robots' poses come to, by robot: those that neighbours share, those of the robot's own
+    geometry where nobody told its accuracy, pushes. told (s, s): the covariance of the others' geometry."""
 
-    robots: Mapping[str, NeighbourErrors]
+    shared: Mapping[str, NeighbourErrors]
+    geometries: Mapping[str, GeometryErrors]
+    moves: Mapping[str, Moved]
+    told: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Certainty:
+    """What was added to the covariance, by the robots' poses and by camera; moments: what all that a rig saw at once
+    errs alike by."""
+
+    poses: ByPoses
     lenses: Mapping[str, LensShift]
     doubts: Mapping[str, LensDoubt]
-    moves: Mapping[str, Moved]
     moments: MomentErrors | None = None
 
 
@@ -51,24 +63,8 @@ def certain(
     """
     solution = noise.solution
     there = {v.name for v in solution.problem.variables}
-    beside: Array = np.zeros_like(solution.shared_covariance)
-    robots: dict[str, NeighbourErrors] = {}
-    moves: dict[str, Moved] = {}
-    for robot in cell.layout.robots:
-        if poses_variable(robot) not in there:
-            continue
-        errors = pose_errors(solution, poses_variable(robot), robot_groups(robot))
-        if errors is None:
-            continue
-        found = shared_errors(errors)
-        push = moved(errors)
-        if push is not None:
-            moves[robot] = push
-        if found is not None:
-            robots[robot] = found
-            beside = beside + found.covariance
-        if robot in accuracies:
-            beside = beside + accuracy_shares(errors, accuracies[robot])
+    poses = _by_poses(cell, solution, accuracies)
+    beside: Array = poses.told + sum(found.covariance for found in poses.shared.values())
     for target, (size, with_size) in sizes.items():
         beside = beside + size_shares(solution, with_size, scale_variable(target), size)
     doubts: dict[str, LensDoubt] = {}
@@ -78,7 +74,7 @@ def certain(
             doubts[name] = doubt
             beside = beside + doubt.covariance
     lenses: dict[str, LensShift] = {}
-    smooth = max((found.chance for found in robots.values()), default=ODDS / (1 + ODDS))
+    smooth = max((found.chance for found in poses.shared.values()), default=ODDS / (1 + ODDS))
     for name, role in cell.roles.items():
         if lens_variable(name) in there and not role.exact:
             shared = lens_shares(cell, solution, name, sigma_px=cell.pixel_level(noise.levels, name).sigma)
@@ -93,7 +89,32 @@ def certain(
         level = noise.levels[cell.pixel_group(cell.layout.root)].sigma
         moments = moment_errors(cell, replace(solution, beside=beside), sigma_px=level)
         beside = beside if moments is None else beside + moments.covariance
-    return replace(noise, solution=replace(solution, beside=beside)), Certainty(robots, lenses, doubts, moves, moments)
+    # The lens is compared without it: what the photos have elsewhere is not the less so for an arm that may do it.
+    beside = beside + sum(own.covariance for own in poses.geometries.values())
+    return replace(noise, solution=replace(solution, beside=beside)), Certainty(poses, lenses, doubts, moments)
+
+
+def _by_poses(cell: Cell, solution: Solution, accuracies: Mapping[str, RobotAccuracy]) -> ByPoses:
+    there = {v.name for v in solution.problem.variables}
+    shared: dict[str, NeighbourErrors] = {}
+    geometries: dict[str, GeometryErrors] = {}
+    moves: dict[str, Moved] = {}
+    told: Array = np.zeros_like(solution.shared_covariance)
+    for robot in cell.layout.robots:
+        if poses_variable(robot) not in there:
+            continue
+        errors = pose_errors(solution, poses_variable(robot), robot_groups(robot))
+        if errors is None:
+            continue
+        if (found := shared_errors(errors)) is not None:
+            shared[robot] = found
+        if (push := moved(errors)) is not None:
+            moves[robot] = push
+        if robot in accuracies:
+            told = told + accuracy_shares(errors, accuracies[robot])
+        elif (own := geometry_errors(errors)) is not None:
+            geometries[robot] = own
+    return ByPoses(shared, geometries, moves, told)
 
 
 def growth(cell: Cell, solution: Solution) -> float:
@@ -102,3 +123,16 @@ def growth(cell: Cell, solution: Solution) -> float:
     alone = replace(solution, beside=None)
     whole, noise = (sum(float(np.trace(s.covariance(f)[3:, 3:])) for f in frames) for s in (solution, alone))
     return float(np.sqrt(whole / noise)) if noise > 0 else 1.0
+
+
+def arm_errors(cell: Cell, solution: Solution, geometries: Mapping[str, GeometryErrors]) -> dict[str, ArmError]:
+    """What the robots' own geometry errs by, in millimetres, of those whose accuracy nobody told."""
+    frames = [variable(f) for f in cell.layout.unknown if f[1] in cell.layout.cameras]
+    alone = replace(solution, around=(), beside=None)
+    out = {}
+    for robot, found in geometries.items():
+        could = replace(alone, beside=found.could_add)
+        added = [np.diag(could.covariance(f)[3:, 3:] - alone.covariance(f)[3:, 3:]).max() for f in frames]
+        moved_by = float(np.sqrt(max(0.0, *added)))
+        out[robot] = ArmError(1e3 * found.metres, 1e3 * found.unseen, 1e3 * moved_by, found.assumed)
+    return out

@@ -27,6 +27,11 @@ _ENOUGH = 200
 """Seen points that tell a turn as well as thousands do."""
 
 
+def enough_of(points: int) -> slice:
+    """Which of so many seen points to ask; of these it chooses all."""
+    return slice(None, None, max(1, points // _ENOUGH))
+
+
 def corner_sigmas(camera: Camera, seen: Array, names: Sequence[str]) -> dict[str, float]:
     """1 sigma, px, worst direction, of the pixel at these corners; NaN where the lens shows nothing there.
 
@@ -34,7 +39,7 @@ def corner_sigmas(camera: Camera, seen: Array, names: Sequence[str]) -> dict[str
     """
     if camera.covariance is None or not len(seen):
         return dict.fromkeys(names, float("nan"))
-    some = np.asarray(seen[:: max(1, len(seen) // _ENOUGH)], dtype=np.float64)
+    some = np.asarray(seen[enough_of(len(seen))], dtype=np.float64)
     turn, lens = _derivatives(camera, some)
     good = np.isfinite(lens.reshape(len(lens), -1).sum(axis=1))
     k = lens.shape[2]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calibrant.arrays import Array
-from calibrant.calibrate.review.corners import CORNERS, corner_sigmas
+from calibrant.calibrate.review.corners import CORNERS, corner_sigmas, enough_of
 from calibrant.calibrate.review.residuals import ViewResiduals, fitted_poses, structure_check, view_residuals
 from calibrant.data import CalibrationResult, Check, View
 from calibrant.data.details import SharedErrors
@@ -137,7 +137,10 @@ def _known_corners(
     lens = result.cameras.get(camera)
     if lens is None or lens.covariance is None or not posed or not coverage.empty_corners:
         return None
-    seen = np.concatenate([se3.apply(poses[camera, v.id], v.points) for v in posed])
+    view = np.repeat(np.arange(len(posed)), [len(v) for v in posed])
+    some = enough_of(len(view))
+    T = np.stack([poses[camera, v.id] for v in posed])[view[some]]
+    seen = se3.apply(T, np.concatenate([v.points for v in posed])[some])
     focal = float(np.sqrt(lens.parameters["fx"] * lens.parameters["fy"]))
     return {name: px / focal for name, px in corner_sigmas(lens, seen, coverage.empty_corners).items()}
 

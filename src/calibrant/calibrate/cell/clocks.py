@@ -14,7 +14,17 @@ import numpy as np
 
 from calibrant.arrays import Array
 from calibrant.calibrate.cell.fitted import fitted_places
-from calibrant.calibrate.cell.problem.clocks import OFFSET, READOUT, Clocks, Motion, clock_variable, motion_of
+from calibrant.calibrate.cell.problem.clocks import (
+    OFFSET,
+    PARABOLA,
+    READOUT,
+    SMOOTHNESSES,
+    Clocks,
+    Motion,
+    Smoothness,
+    clock_variable,
+    motion_of,
+)
 from calibrant.calibrate.cell.problem.layout import Frame, Layout, variable
 from calibrant.calibrate.cell.problem.problem import Cell, cell_problem, moments_by_hand
 from calibrant.calibrate.cell.problem.views import HandEyeViews
@@ -24,6 +34,8 @@ from calibrant.errors import InputError, RefusedError
 from calibrant.optimize.noise import NoiseEstimate, estimate_noise
 from calibrant.optimize.solution import Solution
 
+ODDS = 100.0
+"""Against a motion, by what it leaves of the residuals: log L = -r log sigma, of r residuals beyond the unknowns."""
 STILL = 0.05
 """Clocks that move by less than this many sigmas stand still."""
 MOST_ROUNDS = 8
@@ -68,7 +80,24 @@ def clocks_asked(cell: Cell, *, offsets: bool, readout: bool) -> ClocksAsked:
 def refined_with_clocks(
     cell: Cell, transforms: Mapping[Frame, Array], spread: tuple[float, float], asked: ClocksAsked
 ) -> tuple[NoiseEstimate, Cell]:
-    """The fit with clocks, and what is left of the cell. Raises: RefusedError where no motion tells them."""
+    """The fit with clocks, and what is left of the cell: with the least biased motion that the residuals do not speak
+    against by `ODDS`.
+
+    Raises: RefusedError where no motion tells the clocks.
+    """
+    fits = [_refined(cell, transforms, spread, asked, smoothness) for smoothness in SMOOTHNESSES]
+    levels = [noise.levels[left.pixel_group(cell.layout.root)] for noise, left in fits]
+    against = [level.redundancy * float(np.log(level.sigma)) for level in levels]
+    return next(fit for fit, a in zip(fits, against) if a <= min(against) + np.log(ODDS))
+
+
+def _refined(
+    cell: Cell,
+    transforms: Mapping[Frame, Array],
+    spread: tuple[float, float],
+    asked: ClocksAsked,
+    smoothness: Smoothness,
+) -> tuple[NoiseEstimate, Cell]:
     terms = asked.terms(cell.layout)
     sigmas = cell.levels((max(spread[0], LEAST_SIGMA_START), max(spread[1], LEAST_SIGMA_START)))
     problem = cell_problem(cell, transforms, sigmas)
@@ -76,7 +105,7 @@ def refined_with_clocks(
     at: dict[str, Array] = {camera: np.zeros(len(words)) for camera, words in terms.items()}
     noise: NoiseEstimate | None = None
     for _ in range(MOST_ROUNDS):
-        motions = _motions(cell, solution, asked.times)
+        motions = _motions(cell, solution, asked.times, smoothness)
         clocks = Clocks(asked.times, terms, at, motions, _carried(cell, solution))
         timed, places = _told(replace(cell, clocks=clocks), fitted_places(cell, solution))
         noise = estimate_noise(
@@ -116,7 +145,7 @@ def suspected_clocks(cell: Cell, solution: Solution) -> CameraClocks | None:
     asked = ClocksAsked(cell.times, offsets=True)
     terms = asked.terms(cell.layout)
     at: dict[str, Array] = {camera: np.zeros(len(words)) for camera, words in terms.items()}
-    clocks = Clocks(asked.times, terms, at, _motions(cell, solution, asked.times), _carried(cell, solution))
+    clocks = Clocks(asked.times, terms, at, _motions(cell, solution, asked.times, PARABOLA), _carried(cell, solution))
     try:
         timed, places = _told(replace(cell, clocks=clocks), fitted_places(cell, solution))
     except RefusedError:
@@ -133,11 +162,13 @@ def _still(solution: Solution, before: Mapping[str, Array], at: Mapping[str, Arr
     )
 
 
-def _motions(cell: Cell, solution: Solution, times: Mapping[str, float]) -> dict[str, Motion]:
+def _motions(cell: Cell, solution: Solution, times: Mapping[str, float], smoothness: Smoothness) -> dict[str, Motion]:
     """By the frame of each handheld target."""
     layout = cell.layout
     return {
-        frame[1]: motion_of(moments_by_hand(layout, cell.data, frame[1]), solution.value(variable(frame)), times)
+        frame[1]: motion_of(
+            moments_by_hand(layout, cell.data, frame[1]), solution.value(variable(frame)), times, smoothness=smoothness
+        )
         for frame in layout.handheld
     }
 

@@ -28,6 +28,7 @@ from calibrant.calibrate.cell.moments.sightings import (
     tree,
     view_of,
 )
+from calibrant.calibrate.cell.moments.swept import swept
 from calibrant.calibrate.cell.problem.camera_role import CameraRole
 from calibrant.calibrate.cell.problem.layout import Layout
 from calibrant.calibrate.cell.problem.unused import with_unused
@@ -46,6 +47,9 @@ LEAST = 3
 MOVED = "cameras-moved"
 AGREEING = 0.25
 """Pairs of a part that may contradict the others of it: single ones that do not belong."""
+PAIRED = 0.25
+"""Scatter of pairs over that of any views: views that have nothing to do with each other come to about one, half of
+them that do to a quarter at most."""
 SHIFTS = (1, -1, 2, -2, 3, -3)
 _LISTED = 4
 
@@ -93,8 +97,11 @@ class PairPoses:
         )
 
 
-def pair_poses(pair: Common, data: Sequence[HandEyeViews], roles: Mapping[str, CameraRole]) -> PairPoses:
-    """The poses of a pair's views, each with what its noise and its lens leave uncertain."""
+def pair_poses(
+    pair: Common, data: Sequence[HandEyeViews], roles: Mapping[str, CameraRole], times: Mapping[str, float]
+) -> PairPoses:
+    """The poses of a pair's views, each with what its noise, its lens and, where times are known, its clock leave
+    uncertain."""
     T, C, L, views = [], [], [], []
     for name, seen in ((pair.a, pair.seen_a), (pair.b, pair.seen_b)):
         T.append(poses(data, seen))
@@ -103,6 +110,10 @@ def pair_poses(pair: Common, data: Sequence[HandEyeViews], roles: Mapping[str, C
         errors = [pose_errors(roles[name].camera, view, at, sigma) for view, at, sigma in each]
         C.append(np.array([own for own, _ in errors]))
         L.append(np.array([shared for _, shared in errors]))
+    by_jitter, late = swept([data[s.list].ids[s.row] for s in pair.seen_b], T[1], times)
+    if by_jitter.any():
+        C[1] = C[1] + by_jitter
+        L[1] = np.concatenate([L[1], late[:, :, None]], axis=2)
     freedom = np.array([max(2 * len(a) + 2 * len(b) - 12, 1) for a, b in zip(*views)], dtype=np.float64)
     names_a, names_b = (tuple(v.id for v in seen) for seen in views)
     return PairPoses(T[0], T[1], C[0], C[1], L[0], L[1], freedom, names_a, names_b)
@@ -119,35 +130,57 @@ def apart(found: PairPoses, D: Array) -> Mask:
     """Pairs (n,) that contradict a common place D."""
     statistic = off(found, D)
     noisier = np.sqrt(1 + statistic / found.freedom) > NOISIER
-    # What boards and lenses have in common moves all pairs; those that are none say nothing of it.
-    scale = 1.0 if noisier.all() else max(float(np.median(statistic[~noisier])) / CHI2_6_MEDIAN, 1.0)
+    # What boards, lenses and clocks have in common moves all pairs; those that are none say nothing of it.
+    telling = np.ones_like(noisier) if _are_pairs(found) else ~noisier
+    scale = max(float(np.median(statistic[telling])) / CHI2_6_MEDIAN, 1.0) if telling.any() else 1.0
     return np.asarray((statistic / scale > CHI2_6_LIMIT) & noisier)
 
 
+def _are_pairs(found: PairPoses) -> bool:
+    """Whether the pairs agree far better than the same views would in any other order: then they are pairs, however
+    little they agree."""
+    n = len(found)
+    if n < LEAST:
+        return False
+    mixed = found.take(range(n), np.roll(np.arange(n), n // 2))
+    return _scatter(found.D) < PAIRED * _scatter(mixed.D)
+
+
+def _scatter(D: Array) -> float:
+    """Median distance from the place that most agree on; a radian counts as a metre."""
+    mm, deg = se3.deviation(np.broadcast_to(robust_mean(D), D.shape), D)
+    return float(np.median(1e-3 * mm + np.deg2rad(deg)))
+
+
 def seen_at_once(
-    where: Layout, data: Sequence[HandEyeViews], roles: Mapping[str, CameraRole]
+    where: Layout, data: Sequence[HandEyeViews], roles: Mapping[str, CameraRole], times: Mapping[str, float]
 ) -> tuple[tuple[HandEyeViews, ...], dict[str, CameraRole], tuple[Check, ...]]:
     """The data without views that belong to no moment, the lenses that they still count for, and what was found.
+
+    times: seconds by moment, where a target was seen on the move (`swept`).
 
     Raises: RefusedError where cameras moved against each other, or most of the pairs are none.
     """
     out, own, checks = list(data), dict(roles), list[Check]()
+    by_time = bool(times)
     if not any(p.handheld for p in where.pictures):
         return tuple(out), own, ()
     for pair in tree(sightings(where, data), where.root):
         if len(pair) < LEAST:
             continue
-        found = pair_poses(pair, out, own)
+        found = pair_poses(pair, out, own, times)
         D = robust_mean(found.D)
         if apart(found, D).any():
-            found = _other_branches(pair, found, D, out, own)
+            found = _other_branches(pair, found, D, out, own, times)
             D = robust_mean(found.D)
         wrong = apart(found, D)
         move = _move(found, D)
         if move is not None and _parted(found, move):
             text = _moved_words(pair, found, move)
-            if np.sqrt(1 + move.z / float(found.freedom.sum())) > NOISIER:
+            if move.noisier(float(found.freedom.sum())) > NOISIER:
                 raise RefusedError(f"{MOVED}: {text}")
+            if by_time:
+                continue  # what neighbours in time err alike by looks like a small step
             checks.append(Check(_name(MOVED, pair, where), "warn", text, 1e3 * float(np.linalg.norm(move.step[3:]))))
             continue
         if wrong.sum() > len(found) / 2:
@@ -168,7 +201,12 @@ def _parted(found: PairPoses, move: Move) -> bool:
 
 
 def _other_branches(
-    pair: Common, found: PairPoses, D: Array, out: list[HandEyeViews], roles: Mapping[str, CameraRole]
+    pair: Common,
+    found: PairPoses,
+    D: Array,
+    out: list[HandEyeViews],
+    roles: Mapping[str, CameraRole],
+    times: Mapping[str, float],
 ) -> PairPoses:
     """The pairs with the second pose of a flat target where that agrees with the other pairs; the data have it then."""
     before, changed = list(out), False
@@ -188,7 +226,7 @@ def _other_branches(
             changed = True
     if not changed:
         return found
-    turned = pair_poses(pair, out, roles)
+    turned = pair_poses(pair, out, roles, times)
     still = apart(turned, D)
     for k in np.flatnonzero(still & apart(found, D)).tolist():
         # Neither pose agrees: the views are as they were.
@@ -196,7 +234,7 @@ def _other_branches(
             B = out[s.list].B.copy()
             B[s.row] = before[s.list].B[s.row]
             out[s.list] = replace(out[s.list], B=B)
-    return pair_poses(pair, out, roles)
+    return pair_poses(pair, out, roles, times)
 
 
 def _left_out(

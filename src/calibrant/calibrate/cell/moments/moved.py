@@ -28,12 +28,17 @@ LEAST_GROUP = 2
 @dataclass(frozen=True, eq=False)
 class Move:
     """first: the first moment after it; step (6,): rotation, rad, and translation, m, along the first camera's axes;
-    chance: of as much where nothing moved; z: what the step explains."""
+    chance: of as much where nothing moved; z: what the step explains of `total`, the sum of squares of all."""
 
     first: int
     step: Array
     chance: float
     z: float
+    total: float
+
+    def noisier(self, freedom: float) -> float:
+        """Noise without the step over that with it; freedom: residuals beyond the poses, of chi-square one each."""
+        return float(np.sqrt((freedom + self.total) / max(freedom + self.total - self.z, freedom)))
 
 
 def move_between(d: Array, C: Array, L: Array) -> Move | None:
@@ -64,7 +69,7 @@ def move_between(d: Array, C: Array, L: Array) -> Move | None:
         if z / left > most:
             most, first, moved, explained = z / left, k, step, z
     chance = float(f_tail(6, 6 * n - 12, most / 6)) * tried
-    return Move(first, moved, chance, explained) if chance < CHANCE else None
+    return Move(first, moved, chance, explained, total) if chance < CHANCE else None
 
 
 def _weights(d: Array, C: Array, L: Array) -> tuple[Array, Array]:

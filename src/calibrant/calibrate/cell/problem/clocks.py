@@ -57,12 +57,28 @@ class Motion:
         return np.array([index[m] for m in moments], dtype=np.int64)
 
 
-def motion_of(moments: Sequence[str], T: Array, times: Mapping[str, float]) -> Motion:
+@dataclass(frozen=True)
+class Smoothness:
+    """A motion near a moment: a polynomial of that degree through it, by that many moments in a row."""
+
+    moments: int
+    degree: int
+
+
+PARABOLA = Smoothness(3, 2)
+SMOOTHNESSES = (Smoothness(5, 4), PARABOLA, Smoothness(5, 2))
+"""Through five moments, for a motion that turns quickly beside the pictures; through three; smoothed over five, for
+poses that are noisy beside the motion: the least biased first."""
+
+
+def motion_of(
+    moments: Sequence[str], T: Array, times: Mapping[str, float], *, smoothness: Smoothness = PARABOLA
+) -> Motion:
     """The motion through poses T (m, 4, 4) at moments whose times, seconds, are known.
 
-    The polynomial through a moment and the four next to it in time, or the two where there are no more: with x_i the
-    step of the chart to the pose at time s_i from here, sum_k c_k s_i^k = x_i, c_1 is the velocity, 2 c_2 the
-    acceleration.
+    With x_i the step of the chart to the pose at time s_i from here, sum_k c_k s_i^k = x_i by least squares: c_1 is
+    the velocity, 2 c_2 the acceleration. At an end, and beside a gap, moments of one side serve; three where there are
+    no more.
     """
     t = np.array([times[m] for m in moments])
     n, order = len(t), np.argsort(t, kind="stable")
@@ -71,20 +87,23 @@ def motion_of(moments: Sequence[str], T: Array, times: Mapping[str, float]) -> M
     steps = np.diff(t[order])
     near = (steps > 0) & (steps <= FURTHEST_STEPS * (np.median(steps) if len(steps) else 0.0))
     for k, here in enumerate(order.tolist()):
-        around = _neighbours(k, near)
+        around = _neighbours(k, near, smoothness.moments)
         if around is None:
             continue
         others = order[[i for i in around if i != k]]
-        powers = (t[others] - t[here])[:, None] ** np.arange(1, len(others) + 1)
-        c = np.linalg.solve(powers, se3.local(np.broadcast_to(T[here], (len(others), 4, 4)), T[others]))
-        velocity[here], acceleration[here], known[here] = c[0], 2 * c[1], True
+        span = np.ptp(t[others])
+        s = (t[others] - t[here]) / span
+        powers = s[:, None] ** np.arange(1, min(smoothness.degree, len(others)) + 1)
+        steps_to = se3.local(np.broadcast_to(T[here], (len(others), 4, 4)), T[others])
+        c = np.linalg.lstsq(powers, steps_to, rcond=None)[0]
+        velocity[here], acceleration[here], known[here] = c[0] / span, 2 * c[1] / span**2, True
     return Motion(tuple(moments), T, velocity, acceleration, known)
 
 
-def _neighbours(k: int, near: Mask) -> range | None:
-    """Five moments in a row with k among them, else three, k as near their middle as can be; near (n - 1,): whether
+def _neighbours(k: int, near: Mask, most: int) -> range | None:
+    """So many moments in a row with k among them, else three, k as near their middle as can be; near (n - 1,): whether
     each follows the one before closely."""
-    for size in (5, 3):
+    for size in dict.fromkeys((most, 3)):
         starts = sorted(range(k - size + 1, k + 1), key=lambda first: abs(first + size // 2 - k))
         for first in starts:
             if first >= 0 and first + size <= len(near) + 1 and near[first : first + size - 1].all():

@@ -43,6 +43,21 @@ def f_tail(numerator: float, denominator: float, F: ArrayLike) -> Array:
     return _incomplete_beta(denominator / 2, numerator / 2, x, y)
 
 
+def share_tail(explained: float, squares: float, *, unknowns: int, freedom: float, least: float = 0.0) -> float:
+    """Chance that so many unknowns explain as much, or more, of the squares by luck: the F distribution's tail of
+
+        F = (Q / q) / max((R - Q) / (D - q), s^2).
+
+    Args: explained, Q; squares, R >= Q; unknowns, q; freedom, D > q, of the squares; least, s^2, a variance that is
+    known to be noise, below which what is left never lies (what is left within R's rounding is rounding).
+
+    >>> round(share_tail(8.0, 10.0, unknowns=2, freedom=6.0), 4)
+    0.04
+    """
+    rest = max(squares - explained, np.finfo(float).eps * squares, np.finfo(float).tiny) / (freedom - unknowns)
+    return float(f_tail(unknowns, freedom - unknowns, explained / unknowns / max(rest, least)))
+
+
 def t_tail(freedom: float, t: ArrayLike) -> Array:
     """P(T > t) of Student's distribution. Args: t (...), >= 0."""
     return 0.5 * f_tail(1.0, freedom, np.square(np.asarray(t, dtype=np.float64)))

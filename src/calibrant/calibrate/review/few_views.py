@@ -25,7 +25,7 @@ from calibrant.calibrate.review.view_scores import (
     kept_columns,
     only_in,
 )
-from calibrant.optimize.chances import f_tail
+from calibrant.optimize.chances import share_tail
 
 _KNOWN = 1e-9
 """Eigenvalue of a scaled information below which a direction is not determined."""
@@ -46,9 +46,8 @@ def parted(scores: ViewScores) -> tuple[float, Split, tuple[str, ...]]:
             if fit is None or unknowns <= q:
                 continue
             explained = fit.chi_square(mine) * scores.sigma_px**2
-            rest = max((squares - explained) / (unknowns - q), noise, np.finfo(float).tiny)
-            chance = float(f_tail(q, unknowns - q, explained / q / rest)) * split.tried * len(CHOICES)
-            found.append((chance, split, own))
+            chance = share_tail(explained, squares, unknowns=q, freedom=unknowns, least=noise)
+            found.append((chance * split.tried * len(CHOICES), split, own))
     return min(found, key=lambda item: item[0])
 
 

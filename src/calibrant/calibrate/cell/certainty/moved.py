@@ -22,7 +22,7 @@ import numpy as np
 from calibrant.arrays import Array
 from calibrant.calibrate.cell.certainty.pose_errors import PoseErrors
 from calibrant.geometry import so3
-from calibrant.optimize.chances import f_tail
+from calibrant.optimize.chances import share_tail
 
 BY_CHANCE = 1e-3
 """Of a thousand cells that nobody touched, one is said to have been pushed at most."""
@@ -67,7 +67,7 @@ def moved(errors: PoseErrors) -> Moved | None:
         return None
     best = max(steps, key=lambda s: s.explained)
     left = max(squares - best.explained, np.finfo(float).eps * squares) / (freedom - SIZE)
-    chance = float(f_tail(SIZE, freedom - SIZE, best.explained / SIZE / left)) * len(steps)
+    chance = share_tail(best.explained, squares, unknowns=SIZE, freedom=freedom) * len(steps)
     if chance > BY_CHANCE or left > (1 - LEAST_EXPLAINED) * squares / freedom:
         return None
     return Moved(best.first, best.standing, chance, best.inverse @ best.z, best.inverse * left)

@@ -213,6 +213,8 @@ def _mismatch(chosen: Alternative, ranked: Sequence[Alternative], setup: str) ->
     )
     if given.notation.direction == "base-gripper":
         message += ", or --pose-direction gripper-base if the file holds T_gripper_base"
+    else:
+        message += ", or --pose-direction base-gripper if the file holds T_base_gripper"
     return [Check("setup-mismatch", "fail", message, given.loop_rms_mm / max(other.loop_rms_mm, FLOOR_MM))]
 
 

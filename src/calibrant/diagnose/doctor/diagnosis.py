@@ -55,6 +55,20 @@ class Diagnosis:
         """The findings of that name."""
         return tuple(f for f in self.findings if f.name == name)
 
+    @property
+    def agreeing_loop(self) -> Loop | None:
+        """The loop that decided how the poses are read: over the views that agree best."""
+        read = self.poses.decision
+        same = (a for a in read.alternatives if a.notation is read.notation and a.setup == read.setup)
+        return next(map(Loop.of, same), None)
+
+    def explained_by(self, cause: Finding) -> Diagnosis:
+        """The diagnosis with one cause in the place of all that failed, which it explains, and of their repairs."""
+        examination = self.examination
+        left = tuple(f for f in self.findings if f.status == "ok")
+        unrepaired = Examination((), examination.case, examination.case, examination.before, examination.before)
+        return replace(self, findings=(cause, *left), examination=unrepaired)
+
     def numbered(self, observations: Observations) -> Observations:
         """The observations that were diagnosed, or came before them, numbered as the robot's motion says."""
         if self.numbering is None:
@@ -82,6 +96,7 @@ def diagnose_poses(
     poses = decide_poses(complete, B, rows, setup=setup, measured=not direction_said, free_scale=free_scale)
     times = times_of(complete[0])
     case = case_of_poses(poses.notation.poses, B, setup=poses.setup, times=times)
+    case = replace(case, pose_units=poses.notation.units)
     if poses.inverted_targets:
         case = case.with_inverted_targets()
     return _diagnosis(poses, examined_at_size(case, poses.scale, free=free_scale))
@@ -124,6 +139,7 @@ def diagnose_views(
             times=times_of(complete[0]),
         ),
         observations=observations,
+        pose_units=poses.notation.units,
     )
     case = case.with_branches([case.setup.normal_form(case.data.T_base_gripper)])
     if numbered is not None:
@@ -146,7 +162,10 @@ def _with_gaps(observations: Observations, ids: Sequence[str]) -> Observations:
 
 def _diagnosis(poses: PoseDecision, examination: Examination) -> Diagnosis:
     # That no notation fits is judged again when everything is repaired: the examination has the last word.
-    read = [f for f in poses.findings if f.name != "no-reading-fits" or not examination.judged]
+    # And so is a unit of length that the robot's motion contradicts.
+    again = {"no-reading-fits"} if examination.judged else set()
+    again |= {f.name for f in examination.findings} & {"pose-units"}
+    read = [f for f in poses.findings if f.name not in again]
     rank = {"fail": 0, "warn": 1, "ok": 2}
     every = sorted((*read, *examination.findings), key=lambda f: rank[f.status])
     return Diagnosis(poses, examination, tuple(every))
@@ -167,7 +186,7 @@ def as_result(diagnosis: Diagnosis) -> CalibrationResult:
     )
     examination = diagnosis.examination
     figures: dict[str, Measured] = {}
-    agreeing = _reading_loop(diagnosis.poses)
+    agreeing = diagnosis.agreeing_loop
     loops = (("loop_before", examination.before), ("loop_after", examination.after), ("loop_agreeing", agreeing))
     for name, loop in loops:
         if loop is not None:
@@ -182,13 +201,6 @@ def as_result(diagnosis: Diagnosis) -> CalibrationResult:
         details=(faults(diagnosis.findings), *_deviations(examination)),
         robot_poses=RobotPoses(data.ids, data.T_base_gripper),
     )
-
-
-def _reading_loop(poses: PoseDecision) -> Loop | None:
-    """The loop that decided how the poses are read: over the views that agree best."""
-    read = poses.decision
-    same = (a for a in read.alternatives if a.notation is read.notation and a.setup == read.setup)
-    return next(map(Loop.of, same), None)
 
 
 def faults(findings: Sequence[Finding]) -> Faults:

@@ -27,8 +27,8 @@ def examined_at_size(case: Case, scale: float, *, free: bool) -> Examination:
         return examine(case)
     near, rest = freed(case.scaled(scale))
     found = Measured(scale * rest.value, scale * rest.sigma)
-    examined = examine(near)
     if free:
+        examined = examine(near)
         message = (
             f"the target's lengths are {ratio_text(found.value, found.sigma)} times those given, by the robot's motion"
         )
@@ -36,4 +36,5 @@ def examined_at_size(case: Case, scale: float, *, free: bool) -> Examination:
         return replace(examined, findings=(finding, *examined.findings))
     p = student_test(abs(found.value - 1), found.sigma, max(3 * len(case.index) - 7, 1))
     finding = sized(case, near, found, p)
+    examined = examine(near if finding.repair is None or finding.measured is not None else finding.repair(case))
     return Examination((finding, *examined.findings), case, examined.repaired, case.loop, examined.after)

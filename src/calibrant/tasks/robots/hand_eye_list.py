@@ -100,7 +100,22 @@ def read(request: ListRequest) -> PairedData:
 
 
 def diagnose(data: PairedData, request: ListRequest) -> Diagnosis:
-    """What the doctor says of the data. Raises: RefusedError where the motions or the readings determine nothing."""
+    """What the doctor says of the data; where they contradict an option that says how rotations are written, that alone
+    is the cause. Raises: RefusedError where the motions or the readings determine nothing."""
+    from calibrant.tasks.robots.pose_options import contradicted
+
+    try:
+        found = _diagnosed(data, request)
+    except RefusedError as error:
+        finding = contradicted(data, request, None, _diagnosed)
+        if finding is not None:
+            raise RefusedError(f"{finding.name}: {finding.message}") from error
+        raise
+    finding = contradicted(data, request, found, _diagnosed)
+    return found if finding is None else found.explained_by(finding)
+
+
+def _diagnosed(data: PairedData, request: ListRequest) -> Diagnosis:
     from calibrant.diagnose.doctor.diagnosis import diagnose_poses, diagnose_views
 
     setup = request.setup
@@ -176,6 +191,7 @@ def _check_list(request: ListRequest) -> None:
 
 
 def _with_images(request: ListRequest, raw: RawPoses) -> PairedData:
+    from calibrant.data.file_names import distinct_names
     from calibrant.formats.cameras.read import read_camera
     from calibrant.formats.poses.pairing import match_kept, match_raw
     from calibrant.formats.poses.read import every_notation
@@ -184,7 +200,8 @@ def _with_images(request: ListRequest, raw: RawPoses) -> PairedData:
     files = source.files()
     # Photos are paired before they are searched: a pose that is missing is said at once.
     every = source.every_file() if files else []
-    early = match_kept(raw, [f.name for f, _ in every], [k for _, k in every]) if files else None
+    called = distinct_names([f for f, _ in every])
+    early = match_kept(raw, [called[f] for f, _ in every], [k for _, k in every]) if files else None
     observations = source.read(files)
     ids = _ids_of(observations, files)
     pairing = early if early is not None else match_raw(raw, ids)

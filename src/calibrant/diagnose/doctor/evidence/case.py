@@ -39,7 +39,8 @@ class Case:
 
     data: the matched poses, with the views behind them where there are images. observations and camera: what the views
     come from; camera_given: the camera was known before, not calibrated from these images. times (n,): seconds of each
-    moment, where they are known. scale: what the target was enlarged by in repairs.
+    moment, where they are known. scale: what the target was enlarged by in repairs. pose_units:
+    the unit of length that the file of poses was read in.
     """
 
     setup: Setup
@@ -49,6 +50,7 @@ class Case:
     camera_given: bool = False
     times: Array | None = None
     scale: float = 1.0
+    pose_units: str = "m"
 
     def __len__(self) -> int:
         return len(self.data)
@@ -140,6 +142,12 @@ class Case:
     def with_order(self, order: Index) -> Case:
         """Row i gets the robot pose of row order[i]."""
         return replace(self, data=replace(self.data, T_base_gripper=self.data.T_base_gripper[order]))
+
+    def with_poses_larger(self, factor: float) -> Case:
+        """The robot's positions times a factor: read in another unit."""
+        T = self.data.T_base_gripper.copy()
+        T[:, :3, 3] *= factor
+        return replace(self, data=replace(self.data, T_base_gripper=T))
 
     def with_boards(self, rows: Sequence[int], F: Array) -> Case:
         """Target poses of `rows` become B F (F (4, 4) or (k, 4, 4)); their views get the points F^-1 p."""

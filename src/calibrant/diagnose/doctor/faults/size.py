@@ -40,6 +40,10 @@ UNIT_SHARE = 0.05
 """A scale within 5 % of the ratio of two units, or within three sigma where it is not known so well, is a mistake of
 units."""
 SIGMAS = 3.0
+NEAREST_M, FARTHEST_M = 0.1, 5.0
+"""Half of a set's flanges stand farther than the one from their base, which is inside the arm's own foot, and nearer
+than the other: the largest arms reach 4.7 m. Where that is so in another unit only, the poses' unit is wrong, not the
+target's."""
 WRONG_LENGTH = 1.1
 """A page that is fitted to its paper shrinks by up to 6 %; a target off by more than a tenth is another one, or in
 another unit, or of unknown scale: no calibration is handed out of it."""
@@ -77,6 +81,8 @@ def sized(case: Case, repaired: Case, found: Measured, p: float) -> Finding:
     near = max(UNIT_SHARE, SIGMAS * sigma / value)
     ratio = min(UNITS, key=lambda r: abs(value / r - 1))
     unit = UNITS[ratio] if gross and abs(value / ratio - 1) < near else None
+    if unit is not None and unit[1] == case.pose_units and _arms_reach_only_times(case, 1 / ratio):
+        return _of_poses(case, unit, 1 / ratio, found, p)
     text = f"{ratio_text(value, sigma)} times as large as given"
     said, true = (_WORDS.get(u, u) for u in unit or ("", ""))
     cause = f" ({said} instead of {true}, or poses in {said} were read in {true})" if unit else ""
@@ -102,6 +108,40 @@ def sized(case: Case, repaired: Case, found: Measured, p: float) -> Finding:
         proposal=way_out,
         repair=partial(Case.scaled, factor=value),
         gain=max(case.misfit - repaired.misfit, 0.0),
+    )
+
+
+def _distance(case: Case) -> float:
+    """Median distance of the robot's poses from its base, m."""
+    return float(np.median(np.linalg.norm(case.data.T_base_gripper[case.index, :3, 3], axis=1)))
+
+
+def _arms_reach_only_times(case: Case, factor: float) -> bool:
+    """Whether the robot's poses are those of an arm only once they are this many times as far from its base."""
+    distance = _distance(case)
+    return not NEAREST_M <= distance <= FARTHEST_M and NEAREST_M <= factor * distance <= FARTHEST_M
+
+
+def _of_poses(case: Case, unit: tuple[str, str], factor: float, found: Measured, p: float) -> Finding:
+    """The finding that the robot's poses are in another unit of length, and the target is as given."""
+    evidence = Evidence(case.loop, case.with_poses_larger(factor).loop)
+    true, read = _WORDS.get(unit[0], unit[0]), unit[1]
+    moves = Measured(1 / found.value, found.sigma / found.value**2)
+    message = (
+        f"the robot's positions are in {true} and were read in {read}: the target moves "
+        f"{ratio_text(moves.value, moves.sigma)} times as far as they do, and half of them lie "
+        f"{'within' if factor > 1 else 'beyond'} {_distance(case):.2g} m of the base, as no arm's do; read in {true} "
+        f"{evidence.text}"
+    )
+    return Finding(
+        "pose-units",
+        "fail",
+        message,
+        confidence(p),
+        evidence,
+        proposal=f"say it: --pose-units {unit[0]}",
+        repair=partial(Case.with_poses_larger, factor=factor),
+        gain=max(case.misfit - case.scaled(found.value).misfit, 0.0),
     )
 
 

@@ -24,6 +24,21 @@ def test_a_refusal_gives_its_reason_and_no_accuracy(intrinsics_result: Calibrati
     assert sentence == "The board was never tilted. (And 1 more failed check: see the checks.)"
 
 
+def test_the_cause_stands_before_what_comes_of_it(intrinsics_result: CalibrationResult) -> None:
+    """A print that is longer one way leaves points out and residuals with structure: neither is to be cured."""
+    checks = (
+        Check("outliers", "warn", "9 of 700 points left out"),
+        Check("focal-length", "warn", "known to 3 %: cure that first"),
+        Check("board-squares", "warn", "the squares are 4 % higher than wide"),
+        Check("convergence", "ok", "converged"),
+    )
+    result = replace(intrinsics_result, checks=checks)
+    assert "The squares are 4 % higher than wide. (And 2 more warnings" in verdict_sentence(result)
+    assert [c.name for c in sorted_checks(result)] == ["board-squares", "outliers", "focal-length", "convergence"]
+    failed = (*checks, Check("convergence", "fail", "it did not converge"))
+    assert sorted_checks(replace(result, checks=failed))[0].status == "fail"
+
+
 @pytest.mark.parametrize(("text", "first"), [("img_00.png: off", "img"), ("fx / fy = 1", "fx"), ("no views", "No")])
 def test_names_keep_their_letters(intrinsics_result: CalibrationResult, text: str, first: str) -> None:
     checks = (Check("a", "fail", text),)

@@ -12,6 +12,9 @@ VERDICT_WORDS = {"ok": "GOOD", "warn": "USE WITH CARE", "refused": "DO NOT USE"}
 FEW = 4
 """Checks that passed and are still read; more are folded."""
 _SEVERITY = {"fail": 0, "warn": 1, "ok": 2}
+_CAUSES = ("board-", "lens-model", "one-camera", "shutter", "image-shear", "target-size", "moved")
+"""How names of checks begin that say what is wrong. What others see, points left out or a residual with structure, may
+come of it."""
 
 
 def title(result: CalibrationResult) -> str:
@@ -28,8 +31,8 @@ def verdict_word(result: CalibrationResult) -> str:
 
 
 def sorted_checks(result: CalibrationResult) -> list[Check]:
-    """The checks, the worst first."""
-    return sorted(result.checks, key=lambda check: _SEVERITY[check.status])
+    """The checks, the worst first; of equally bad ones those that name a cause before what may come of it."""
+    return sorted(result.checks, key=lambda check: (_SEVERITY[check.status], not check.name.startswith(_CAUSES)))
 
 
 def verdict_sentence(result: CalibrationResult) -> str:
@@ -38,7 +41,7 @@ def verdict_sentence(result: CalibrationResult) -> str:
     if kind.judged is not None:
         return kind.judged(result)[1]
     failed = [c for c in result.checks if c.status == "fail"]
-    warned = [c for c in result.checks if c.status == "warn"]
+    warned = [c for c in sorted_checks(result) if c.status == "warn"]
     if result.verdict == "refused":
         reason = failed[0].message if failed else "the data cannot determine the result."
         return f"{_sentence(reason)}{_more(len(failed) - 1, 'failed check')}"

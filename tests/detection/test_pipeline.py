@@ -63,6 +63,32 @@ def test_a_bad_image_costs_itself_alone(boards, tmp_path):
     }
 
 
+def test_a_copy_counts_once_and_is_named(boards, tmp_path):
+    """Noise makes two photos differ: one that is equal byte by byte is no second measurement."""
+    copy = tmp_path / "again.png"
+    copy.write_bytes((boards / "9.png").read_bytes())
+    calls = []
+    found = detect([boards, copy], target=TARGET, progress=lambda *a: calls.append(a))
+    assert [v.id for v in found.views] == ["8.png", "9.png", "10.png"]
+    assert [(m.id, m.reason) for m in found.missed] == [
+        ("again.png", "the same picture as 9.png, byte by byte: it counts once")
+    ]
+    assert [n for n in found.notes if "copy" in n] == [
+        "1 picture is a copy of another, byte by byte, which counts once: again.png (of 9.png)."
+    ]
+    assert len(calls) == 3
+
+
+def test_circles_asked_of_a_chessboard_are_answered_at_once(boards):
+    """Squares are spots in a lattice, which some grid of circles fits: the board itself is what is seen."""
+    with pytest.raises(DetectionError) as error:
+        detect(boards, target="circles:7x11:20mm:asymmetric")
+    assert str(error.value) == (
+        "0 of 3 boards found; the images look like a chessboard (or ChArUco board) of 9x6 inner corners, you asked for "
+        "circles:7x11:20mm:asymmetric"
+    )
+
+
 def test_wrong_spec_is_answered_with_the_real_size(boards):
     with pytest.raises(DetectionError) as error:
         detect(boards, target=Chessboard(8, 6, 0.025))
@@ -96,7 +122,7 @@ def test_no_board_at_all_and_nothing_readable(tmp_path):
 
 
 def test_files_of_one_name_in_two_folders_keep_their_folder(boards, tmp_path):
-    (tmp_path / "8.png").write_bytes((boards / "8.png").read_bytes())
+    (tmp_path / "8.png").write_bytes((boards / "9.png").read_bytes())
     found = detect([boards / "8.png", tmp_path / "8.png"], target=TARGET)
     assert [v.id for v in found.views] == [f"{boards.name}/8.png", f"{tmp_path.name}/8.png"]
 

@@ -18,6 +18,7 @@ from calibrant.data import DEFAULT_CAMERA, Missed, Observations, View
 from calibrant.data.file_names import distinct_names
 from calibrant.detection.cache import Cache, key_of
 from calibrant.detection.detection import Detection
+from calibrant.detection.images.copies import copies_note, copies_of
 from calibrant.detection.images.faint import flattened
 from calibrant.detection.images.files import expand
 from calibrant.detection.images.header import UPRIGHT, WORDS
@@ -73,8 +74,8 @@ def detect(
     to right before anything else, for cameras that deliver mirror images, and pixels are those of the flipped image;
     cache: a folder that keeps what was detected, so that the same images are not searched again; refinement: how
     the corners of chessboards and ChArUco boards are measured; progress: called after each image.
-    An image that cannot be read, is of another size than most or does not show the target is listed in `missed` with
-    the reason.
+    An image that cannot be read, is of another size than most, a copy of another or does not show the target is listed
+    in `missed` with the reason.
     Raises: InputError when no image is given, none can be read, or no size is that of most; DetectionError when no
     image shows the target, or more show one other.
 
@@ -86,13 +87,15 @@ def detect(
     check_choice(wanted.kind, refinement)  # options that do not go together are said before anything is read
     files = expand(images)
     kept = None if cache is None else Cache.at(cache)
+    copies = copies_of(files)
     done = []
-    for result in _run(workers, files, wanted, mirror_x, kept, refinement):
+    for result in _run(workers, [f for f in files if f not in copies], wanted, mirror_x, kept, refinement):
         done.append(result)
         if progress is not None:
-            progress(len(done), len(files), result.file.name)
+            progress(len(done), len(files) - len(copies), result.file.name)
     position = {file: i for i, file in enumerate(files)}
-    done.sort(key=lambda d: position[d.file])
+    names = distinct_names(files)
+    done = sorted([*done, *_copied(done, copies, names)], key=lambda d: position[d.file])
     size = _common_size(done)
     done = _foreign_left_out(done, size)
     found = [d for d in done if d.detection.found]
@@ -101,11 +104,11 @@ def detect(
         mirrored = _found_mirrored([d.file for d in readable], wanted, mirror_x)
         raise DetectionError(_why_none(readable, wanted, len(done)) + mirrored)
     _refuse_another_target([d.detection for d in done], wanted)
-    names = distinct_names([d.file for d in done])
     points, row_of = wanted.points, {int(label): row for row, label in enumerate(wanted.point_ids)}
     views = tuple(_detected_view(d, names[d.file], points, row_of, camera) for d in found)
     notes = [*notes_on_orientation([d.orientation for d in done if d.size is not None])]
     notes += [note for d in done for note in d.detection.notes]
+    notes += [copies_note(copies, names)] if copies else []
     return Observations(
         views=views,
         image_sizes={camera: size},
@@ -263,6 +266,19 @@ def _foreign_left_out(done: Sequence[ImageDetection], size: tuple[int, int]) -> 
         )
         for d in done
     ]
+
+
+def _copied(
+    done: Sequence[ImageDetection], copies: Mapping[Path, Path], names: Mapping[Path, str]
+) -> Iterator[ImageDetection]:
+    """What the copies give: nothing where their original gave points, which count once."""
+    by_file = {d.file: d for d in done}
+    for copy, original in copies.items():
+        reason = f"the same picture as {names[original]}, byte by byte: it counts once"
+        first = by_file[original]
+        yield replace(
+            first, file=copy, detection=Detection.nothing(reason) if first.detection.found else first.detection
+        )
 
 
 def _refuse_another_target(detections: Sequence[Detection], target: Target) -> None:

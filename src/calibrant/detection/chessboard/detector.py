@@ -10,7 +10,7 @@ behind corner 0 is dark. Where the board looks the same after a turn, x is chose
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -233,10 +233,10 @@ def _ambiguous(target: Chessboard) -> str:
 
 def _not_found(others: list[_Found], target: Chessboard) -> Detection:
     asked = f"{target.columns}x{target.rows}"
-    seen = [f for f in others if f.grid.known.sum() >= LEAST_LOOK and f.grid.known.mean() >= LEAST_SEEN]
-    if not seen:
+    shape = _largest(f.grid for f in others)
+    if shape is None:
         return Detection.nothing(f"no chessboard of {asked} inner corners was found")
-    rows, columns = max(seen, key=lambda f: f.grid.area).grid.shape
+    rows, columns = shape
     if (rows > columns) != (target.rows > target.columns):
         rows, columns = columns, rows
     if (rows, columns) == (target.rows, target.columns):
@@ -247,3 +247,17 @@ def _not_found(others: list[_Found], target: Chessboard) -> Detection:
     # Fewer corners each way may be a part of the board, whose others are hidden.
     another = columns > target.columns or rows > target.rows
     return Detection.nothing(f"the image looks like {size}, you asked for {asked}", looks_like=size, another=another)
+
+
+def board_seen(grey: Grey) -> tuple[int, int] | None:
+    """Inner corners (columns, rows), the longer side first, of a chessboard in a small grey image (h, w), if there is
+    one: for who looks for something else."""
+    corners = find_corners(grey)
+    shape = _largest(grow_grids(corners, neighbours(corners), least=LEAST_LOOK // 2))
+    return None if shape is None else (max(shape), min(shape))
+
+
+def _largest(grids: Iterable[Grid]) -> tuple[int, int] | None:
+    """Rows and columns of the largest grid that is called a board."""
+    seen = [g for g in grids if g.known.sum() >= LEAST_LOOK and g.known.mean() >= LEAST_SEEN]
+    return max(seen, key=lambda g: g.area).shape if seen else None

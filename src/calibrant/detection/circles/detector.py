@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from calibrant.arrays import Array, Grey
+from calibrant.detection.chessboard.detector import board_seen
 from calibrant.detection.circles.centres import true_centres
 from calibrant.detection.circles.ellipse import refine_spots
 from calibrant.detection.circles.lattice import Lattice, grow_lattices
@@ -73,12 +74,27 @@ class CirclesDetector:
                 # Dots that are too small for one scale may show at the next.
                 if best is not None and len(best.uv) == len(target.points):
                     break
+                # Squares are spots too, of lattices that may fit the grid's: looked for before all else is tried.
+                first_look = best is None and factor == first and negative == target.inverted
+                if first_look and (board := _chessboard(grey, first)) is not None:
+                    return _looks_like_chessboard(board, target)
                 # What fills a layout of the other kind is not looked for at full size, by every window, and negative.
                 if best is None and is_other_kind(seen, target):
                     return why_not_found(seen, target)
             if best is not None:
                 return _with_notes(best, target, negative=negative)
         return why_not_found(seen, target)
+
+
+def _chessboard(grey: Grey, factor: int) -> tuple[int, int] | None:
+    """Inner corners of a chessboard, or of a ChArUco board's squares, in the picture made smaller by `factor`."""
+    return board_seen(np.ascontiguousarray(shrink(grey, factor)))
+
+
+def _looks_like_chessboard(board: tuple[int, int], target: Circles) -> Detection:
+    columns, rows = board
+    seen = f"a chessboard (or ChArUco board) of {columns}x{rows} inner corners"
+    return Detection.nothing(f"the image looks like {seen}, you asked for {target.spec}", looks_like=seen, another=True)
 
 
 def _at_scale(

@@ -81,10 +81,11 @@ class Source:
 
     def every_file(self) -> list[tuple[Path, bool]]:
         """All photos that are named, and whether each is kept. Raises: InputError as `files`."""
+        from calibrant.data.file_names import distinct_names
         from calibrant.detection.images.files import expand
 
         files = expand(list(self.images))
-        return list(zip(files, kept([f.name for f in files], self.exclude, what="image")))
+        return list(zip(files, kept(list(distinct_names(files).values()), self.exclude, what="image")))
 
     def read(self, files: Sequence[Path]) -> Observations:
         """The observations: of `files`, which `files()` gave, or of the file of points. Raises: InputError."""
@@ -159,13 +160,16 @@ class Source:
 
 
 def kept(names: Sequence[str], exclude: Sequence[str], *, what: str) -> list[bool]:
-    """Which names stay. Raises: InputError for a name to exclude that is not there, or when nothing stays."""
+    """Which names stay; a name with its folder leaves out that one alone, where there are such.
+
+    Raises: InputError for a name to exclude that is not there, or when nothing stays.
+    """
     forms = [{name, PurePath(name).name, PurePath(name).stem} for name in names]
+    out = {wanted if wanted in names else PurePath(wanted).name for wanted in exclude}
     for wanted in exclude:
-        if not any(PurePath(wanted).name in form for form in forms):
+        if not any({wanted, PurePath(wanted).name} & form for form in forms):
             listed = ", ".join(names[:_LISTED]) + (" …" if len(names) > _LISTED else "")
             raise InputError(f"--exclude {wanted}: no {what} of that name; there are {listed}")
-    out = {PurePath(wanted).name for wanted in exclude}
     keep = [not (form & out) for form in forms]
     if not any(keep):
         raise InputError(f"--exclude leaves out all of {len(names)} {what}s; nothing is left to calibrate from")

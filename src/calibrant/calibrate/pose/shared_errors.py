@@ -29,17 +29,22 @@ def with_shared_errors(
         return of_noise
     root, inverse = square_root(of_noise)
     rows = np.ascontiguousarray(J @ (inverse @ of_noise).T)
-    clusters = cluster_scores(rows, np.ascontiguousarray(residuals), _patches(points), root=root)
+    along = _along(points)
+    clusters = cluster_scores(rows, np.ascontiguousarray(residuals), _patches(along), root=root, at=along)
     known = 0.0 if of_camera is None else inverse @ of_camera @ inverse.T
     values, axes = np.linalg.eigh(clusters.shared - known)
     beside = root @ axes
     return np.asarray(of_noise + (beside * np.maximum(values, 0.0)) @ beside.T)
 
 
-def _patches(points: Array) -> Indices:
-    """The patch (n,) of each point along the target's two longest axes, counted from 0 without gaps."""
+def _along(points: Array) -> Array:
+    """Places (n, 2) of points along the target's two longest axes."""
     centred = points - points.mean(axis=0)
-    along = centred @ np.linalg.svd(centred, full_matrices=False)[2][:2].T
+    return np.ascontiguousarray(centred @ np.linalg.svd(centred, full_matrices=False)[2][:2].T)
+
+
+def _patches(along: Array) -> Indices:
+    """The patch (n,) of each place (n, 2), counted from 0 without gaps."""
     low, high = along.min(axis=0), along.max(axis=0)
     share = (along - low) / np.maximum(high - low, np.finfo(np.float64).tiny)
     place = np.minimum((share * PATCHES).astype(np.int64), PATCHES - 1)

@@ -21,6 +21,7 @@ import numpy as np
 from calibrant.arrays import Array
 from calibrant.calibrate.review.board_points import BoardPoints, board_points
 from calibrant.calibrate.review.faults import MATTERS, Fault, Found, fault, faults
+from calibrant.calibrate.review.settled import settled_stretch
 from calibrant.calibrate.review.view_scores import (
     ASKEW,
     BEND,
@@ -76,7 +77,7 @@ def ask_board(rows: Rows, scores: ViewScores, *, target: str | None, shaped: boo
         if not stronger:
             return Asked((_lens_check(scores, radial),), moved=(radial.moved,))
     checks = [] if shaped else [_flatness_check(found.by_name[BEND], door)]
-    checks += [_squares_check(scores, found.by_name[STRETCH], found.by_name[ASKEW], target)]
+    checks += [_squares_check(rows, scores, found, target)]
     points = board_points(rows, scores, found.real)
     checks += [] if points is None else [_points_check(points, door)]
     moved = [f.moved for f in found.by_name.values() if f is not None and f.held]
@@ -137,12 +138,14 @@ def _largest_height(bend: Fault) -> tuple[float, float]:
     return float(np.ptp(heights)), float(np.sqrt(across @ bend.covariance @ across))
 
 
-def _squares_check(scores: ViewScores, stretch: Fault | None, askew: Fault | None, target: str | None) -> Check:
-    camera = scores.camera
+def _squares_check(rows: Rows, scores: ViewScores, found: Found, target: str | None) -> Check:
+    camera, stretch, askew = scores.camera, found.by_name[STRETCH], found.by_name[ASKEW]
     fx, fy = camera.parameters["fx"], camera.parameters["fy"]
     away = fx / fy - 1
     if stretch is not None and stretch.real:
-        value, sigma = float(stretch.value[0]), float(stretch.sigma[0])
+        others = tuple(name for name in found.real if name != STRETCH)
+        settled = settled_stretch(rows, scores, beside=others)
+        value, sigma = settled or (float(stretch.value[0]), float(stretch.sigma[0]))
         told = f"the squares are {percent(value)} ± {percent(sigma)} {_which(value)}"
         cure = f"measure the board both ways and give both lengths{_as_spec(target, value)}"
         if not stretch.matters:
@@ -212,7 +215,7 @@ def _as_spec(target: str | None, stretch: float) -> str:
         known = parse_target(target)
     except InputError:
         return ""
-    wide, high = 1 + stretch / 2, 1 - stretch / 2
+    wide, high = (1 + stretch) ** 0.5, (1 + stretch) ** -0.5
     if isinstance(known, Chessboard):
         width, height = known.sides
         known = replace(known, square=round(width * wide, 6), height=round(height * high, 6))

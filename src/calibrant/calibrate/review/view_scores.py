@@ -77,7 +77,8 @@ class Rows:
 
     stacked: points as the calibration has them (bent or free targets too); view (N,) of each point; weight (N,), 0 for
     points left out; seen_from (N, 3) in the target's axes turned into the camera's, without its place; J_point
-    (N, 2, 3), J_lens (N, 2, k), residuals (N, 2), pixels (N, 2) predicted; T_camera_target (n, 4, 4).
+    (N, 2, 3), J_lens (N, 2, k), residuals (N, 2), pixels (N, 2) predicted; T_camera_target (n, 4, 4); max_error_px, the
+    limit that points are left out by, None for that of the residuals.
     """
 
     camera: Camera
@@ -91,6 +92,7 @@ class Rows:
     residuals: Array
     pixels: Array
     T_camera_target: Array
+    max_error_px: float | None
 
 
 def rows_of(result: CalibrationResult, camera_name: str, poses: Mapping[tuple[str, str], Array]) -> Rows | None:
@@ -110,6 +112,13 @@ def rows_of(result: CalibrationResult, camera_name: str, poses: Mapping[tuple[st
         return None
     stacked = _shaped(result, views)
     T = np.stack([poses[camera_name, v.id] for v in views])
+    return rows_at(camera, views, stacked, T, max_error_px=result.options.get("max_error_px"))
+
+
+def rows_at(
+    camera: Camera, views: tuple[View, ...], stacked: StackedViews, T: Array, *, max_error_px: float | None
+) -> Rows:
+    """The rows of these points at these poses T_camera_target (n, 4, 4)."""
     view = np.repeat(np.arange(len(views)), np.diff(stacked.offsets))
     seen_from = (T[view, :3, :3] @ stacked.points[:, :, None])[..., 0]
     pixels, J_point, J_lens = derivatives(camera, seen_from + T[view, :3, 3])
@@ -121,9 +130,9 @@ def rows_of(result: CalibrationResult, camera_name: str, poses: Mapping[tuple[st
         residuals, J_point, J_lens, pixels = (
             np.where(finite.reshape(-1, *[1] * (a.ndim - 1)), a, 0.0) for a in (residuals, J_point, J_lens, pixels)
         )
-    keep = mark(norms, stacked.offsets, max_error_px=result.options.get("max_error_px")).keep & finite
+    keep = mark(norms, stacked.offsets, max_error_px=max_error_px).keep & finite
     weight = keep / stacked.sigma
-    return Rows(camera, views, stacked, view, weight, seen_from, J_point, J_lens, residuals, pixels, T)
+    return Rows(camera, views, stacked, view, weight, seen_from, J_point, J_lens, residuals, pixels, T, max_error_px)
 
 
 def _shaped(result: CalibrationResult, views: Sequence[View]) -> StackedViews:

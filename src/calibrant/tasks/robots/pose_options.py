@@ -64,7 +64,7 @@ def _without(
     """The diagnosis without an option, where the loop closes then."""
     from calibrant.formats.poses.read import every_notation
 
-    raw = replace(raw, options=replace(data.raw.options, **{key: "auto"}))
+    raw = replace(raw, options=replace(raw.options, **{key: "auto"}))
     try:
         every = every_notation(raw)
         complete = tuple(r.take(data.pose_index, data.complete[0].ids) for r in every)

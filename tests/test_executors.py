@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 
 import cv2
@@ -81,6 +81,20 @@ if __name__ == "__main__":
             pool.submit(time.sleep, 600)
         time.sleep(600)
 """
+
+
+def test_every_process_starts_before_the_first_is_at_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process that is started later hears Ctrl-C while it starts; on a busy machine the first answers before that."""
+    submit = ProcessPoolExecutor.submit
+
+    def answered(pool: ProcessPoolExecutor, *args: object, **kwargs: object) -> object:
+        future = submit(pool, *args, **kwargs)  # type: ignore[arg-type]
+        future.result()
+        return future
+
+    monkeypatch.setattr(ProcessPoolExecutor, "submit", answered)
+    with executor_for(2, 9) as pool:
+        assert len(pool._processes) == 2  # type: ignore[union-attr]
 
 
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="a system without signals")

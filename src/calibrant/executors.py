@@ -58,8 +58,11 @@ def executor_for(workers: int | str | Executor | None, count: int) -> Iterator[E
     try:
         # A process that is interrupted while it is started is half of one.
         with undisturbed() as told, _deaf():
+            # The first starts all of them. One by one, on a busy machine, the first may have answered before the
+            # second is asked for, which is then started later, and not deaf.
+            pool._safe_to_dynamically_spawn_children = False  # type: ignore[attr-defined]
             for _ in range(min(number, count)):
-                pool.submit(_nothing)  # each starts a process
+                pool.submit(_nothing)
         if told:
             raise KeyboardInterrupt
         yield pool

@@ -106,9 +106,7 @@ def detect(
     _refuse_another_target([d.detection for d in done], wanted)
     points, row_of = wanted.points, {int(label): row for row, label in enumerate(wanted.point_ids)}
     views = tuple(_detected_view(d, names[d.file], points, row_of, camera) for d in found)
-    notes = [*notes_on_orientation([d.orientation for d in done if d.size is not None])]
-    notes += [note for d in done for note in d.detection.notes]
-    notes += [copies_note(copies, names)] if copies else []
+    notes = [*_notes(done), *([copies_note(copies, names)] if copies else [])]
     return Observations(
         views=views,
         image_sizes={camera: size},
@@ -266,6 +264,12 @@ def _foreign_left_out(done: Sequence[ImageDetection], size: tuple[int, int]) -> 
         )
         for d in done
     ]
+
+
+def _notes(done: Sequence[ImageDetection]) -> list[str]:
+    """What is to be known of the files themselves, and what their detectors say."""
+    notes = notes_on_orientation([d.orientation for d in done if d.size is not None])
+    return [*notes, *(note for d in done for note in d.detection.notes)]
 
 
 def _copied(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from calibrant.geometry import se3, so3
 from calibrant.simulate.render import IDEAL, Look, pixel_rays, render
 from calibrant.simulate.scenes import look_at_board, standard_camera
 from calibrant.targets import Artwork, Disc, Polygon
+from calibrant.targets.chessboard import Chessboard
 from calibrant.targets.registry import parse_target
 from calibrant.targets.target import Target
 
@@ -172,6 +175,29 @@ def test_same_seed_same_image_and_noise_of_the_asked_size(camera: Camera, board:
     clean = render(board.artwork(), camera, T, rng=np.random.default_rng(0), look=quiet)
     # Rounding adds 1/12 of a grey squared to 9; 1.3 million pixels leave 0.1 %.
     assert np.std(noisy.astype(float) - clean) == pytest.approx(np.sqrt(9 + 2 / 12), rel=0.01)
+
+
+def test_a_moved_picture_is_the_mean_of_those_along_the_way() -> None:
+    small = Camera.create("pinhole", {"fx": 300.0, "fy": 300.0, "cx": 119.5, "cy": 89.5}, image_size=(240, 180))
+    board, motion = Chessboard(5, 4, 0.02), np.array([3.6, -2.1])
+    artwork = board.artwork()
+    # Wide enough that what the pixels' raster makes of edges is smaller than the rounding of greys.
+    look = Look(blur_px=1.6, noise_grey=0.0, uneven_light=0.0, vignetting=0.0, clutter=0)
+
+    def taken(shift: np.ndarray, how: Look) -> np.ndarray:
+        T = se3.make(np.eye(3), [-0.04 + shift[0] / 1000, -0.03 + shift[1] / 1000, 0.3])  # 1 mm is 1 px
+        return render(artwork, small, T, rng=np.random.default_rng(0), look=how).astype(float)
+
+    still = taken(np.zeros(2), look)
+    moved = taken(np.zeros(2), replace(look, motion_px=(float(motion[0]), float(motion[1]))))
+    # Eight places over 4.2 px, by the rule of midpoints.
+    mean = np.mean([taken(((i + 0.5) / 8 - 0.5) * motion, look) for i in range(8)], axis=0)
+    assert np.abs(moved - mean).max() < 3.0
+    assert np.abs(moved - mean).mean() < 0.3
+    assert np.abs(still - mean).max() > 10.0
+    down, across = np.gradient(mean)
+    shift = np.linalg.lstsq(np.stack([across.ravel(), down.ravel()], axis=1), (moved - mean).ravel())[0]
+    assert np.abs(shift).max() < 1e-3  # px: the pose is that of mid-exposure
 
 
 def test_a_board_behind_or_out_of_view_leaves_the_background(camera: Camera, board: Target) -> None:

@@ -195,9 +195,9 @@ def _descend(window, p, JtJ, enough):  # type: ignore[no-untyped-def]
     return cost
 
 
-@compiled_part("void(float64[:, ::1], float64[::1], float64[:, ::1], float64, float64[::1])", forceinline=True)
+@compiled_part("void(float64[:, ::1], float64[::1], float64[:, ::1], float64, float64[:, ::1])", forceinline=True)
 def _sum_arcs(window, p, cofactors, variance, sums):  # type: ignore[no-untyped-def]
-    """Fills sums (3,) of `robust_variance`."""
+    """Fills sums (2, 6) of `robust_variance`."""
     n = window.shape[1]
     J, r, group = np.empty((PARAMETERS, n)), np.empty(n), np.empty(n, np.int64)
     _linearise(window, p, J, r)
@@ -211,15 +211,16 @@ def _sum_arcs(window, p, cofactors, variance, sums):  # type: ignore[no-untyped-
 
 
 @compiled(
-    "UniTuple(float64[:, ::1], 3)(uint8[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1], float64, float64)"
+    "Tuple((float64[:, ::1], float64[:, ::1], float64[:, :, ::1]))(uint8[:, ::1], float64[:, ::1], float64[:, ::1], "
+    "float64[::1], float64, float64)"
 )
 def _fit(grey, uv, roots, room, blur, darkness):  # type: ignore[no-untyped-def]
     """Parameters (n, 10); (n, 2): standard deviation per axis in px (infinite where it failed) and of grey, taking
-    residuals for noise; (n, 3) sums over arcs."""
+    residuals for noise; (n, 2, 6) sums over arcs."""
     n = len(uv)
     fitted = np.zeros((n, PARAMETERS))
     sigma = np.full((n, 2), np.inf)
-    arcs = np.zeros((n, 3))
+    arcs = np.zeros((n, 2, 6))
     JtJ = np.empty((PARAMETERS, PARAMETERS))
     for i in range(n):
         p = fitted[i]

@@ -78,7 +78,7 @@ def shrink(grey: Grey, factor: int) -> Grey:
     return np.asarray(cv2.resize(cropped, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
-def sample(grey: Grey, uv: Array) -> Array:
+def sample(grey: Grey | NDArray[np.float32], uv: Array) -> Array:
     """Grey values at pixels (n, m, 2), bilinear, (n, m); outside the image the nearest pixel's."""
     if max(*grey.shape, *uv.shape[:2]) >= MOST_REMAPPED:
         return _sample_large(grey, uv)
@@ -88,7 +88,7 @@ def sample(grey: Grey, uv: Array) -> Array:
     )
 
 
-def _sample_large(grey: Grey, uv: Array) -> Array:
+def _sample_large(grey: Grey | NDArray[np.float32], uv: Array) -> Array:
     """As `sample`, for pictures and lists that OpenCV's remap does not take."""
     high = np.array(grey.shape[::-1]) - 1
     at = np.clip(np.nan_to_num(uv), 0, high)

@@ -46,6 +46,11 @@ ROUGH_SIGMA_PX = 0.5
 # Such a corner lies no further from where its neighbours put it than all but one in a thousand do, by both sigmas: the
 # root of chi-square's quantile for two coordinates.
 ROUGH_DEVIATIONS = 3.72
+# Raster errors of the rough refinement that neighbours share, so that they cannot tell: without noise as well, it errs
+# by 0.03 to 0.05 px.
+ROUGH_FLOOR_PX = 0.05
+# Fewer rough corners say nothing of how good they are: their mean square is then known to a factor of two at best.
+LEAST_TOLD = 3
 # Its neighbours' own distance from their predictions, of these many, is what the lens adds.
 NEAREST = 4
 HALF_WINDOWS_PX = (2, 10)
@@ -167,8 +172,10 @@ def _sharpened(grey: Grey, corners: Corners, target: Charuco, per_square: Array,
     first, fits = fitted(corners.uv, np.ones(len(corners), dtype=bool))
     uv, sigma = np.where(fits[:, None], first.uv, corners.uv), np.where(fits, first.sigma_px, ROUGH_SIGMA_PX)
     shape = np.where(fits[:, None, None], first.shape, np.eye(2))
-    if fits.all() or not fits.any():
+    if fits.all():
         return Corners(corners.index, uv, sigma, shape, first.smeared)
+    if not fits.any():
+        return _rough_alone(Corners(corners.index, uv, sigma, shape, first.smeared), ~fits, target)
     place = target.points[corners.index, :2] / target.square
     maps = _maps_of(place, Corners(corners.index, uv, sigma).subset(fits), target)
     again = ~fits & maps.determined & _inside(maps.centres, grey.shape)
@@ -203,10 +210,35 @@ def _without_strays(corners: Corners, fits: NDArray[np.bool_], target: Charuco) 
     allowed = ROUGH_DEVIATIONS * np.hypot(ROUGH_SIGMA_PX, maps.sigma_px) + lens
     near = ~maps.determined | (away <= allowed)
     told = ~fits & near & maps.determined
-    # Where blur moves them all, their distance from their neighbours says more than what such corners are worth.
-    level = max(ROUGH_SIGMA_PX, float(np.sqrt(0.5 * np.mean(away[told] ** 2)))) if told.any() else ROUGH_SIGMA_PX
-    sigma = np.where(fits, corners.sigma_px, level)
+    sigma = np.where(fits, corners.sigma_px, ROUGH_SIGMA_PX)
+    sigma[told] = _rough_sigma(away[told])
+    if not maps.determined.all():
+        # Too few fit there: what they all say of each other is left.
+        sigma = np.where(fits | maps.determined, sigma, _rough_alone(corners, ~fits, target).sigma_px)
     return replace(corners, sigma_px=sigma).subset(fits | near)
+
+
+def _rough_alone(corners: Corners, rough: NDArray[np.bool_], target: Charuco) -> Corners:
+    """Corners of which none fits, or few, those rough (n,) with a sigma by how well all predict each other."""
+    maps = _maps_of(target.points[corners.index, :2] / target.square, corners, target)
+    told = rough & maps.determined
+    # A prediction from others as rough, each of CORNER_SIGMA_PX in the maps, errs by its share of the same sigma.
+    away = np.linalg.norm(corners.uv - maps.centres, axis=1) / np.hypot(1.0, maps.sigma_px / CORNER_SIGMA_PX)
+    sigma = corners.sigma_px.copy()
+    sigma[told] = _rough_sigma(away[told])
+    return replace(corners, sigma_px=sigma)
+
+
+def _rough_sigma(away: Array) -> Array:
+    """Sigma (n,), px, of rough corners by how far they are from where the fitted ones around put them, (n,) px.
+
+    Their mean square over both axes is twice the variance, and what the predictions err by comes on top; the inverse of
+    one of 2 n values is 2 n / (2 n - 2) too large on average. No corner is better than its own distance by the bound of
+    strays.
+    """
+    n = len(away)
+    level = np.sqrt(0.5 * np.mean(away**2) * n / (n - 1)) if n >= LEAST_TOLD else ROUGH_SIGMA_PX
+    return np.maximum(np.hypot(level, ROUGH_FLOOR_PX), away / ROUGH_DEVIATIONS)
 
 
 def find_corners(

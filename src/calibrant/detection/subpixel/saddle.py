@@ -19,7 +19,8 @@ whose grid coordinates lie within WINDOW of the distance to the next corners; th
 raster. But for these and g, the terms are even about p, as is any corner blurred evenly, so that a wrong shape of blur
 does not pull it aside. The covariance of (x, y) is that of least squares, sigma^2 (J^T J)^-1 with sigma^2 from the
 corner's own residuals: noise, blur and contrast all show in it; times what these residuals do beyond noise
-(`robust_variance`): groups are pieces of the edges, each with the one opposite.
+(`robust_variance`): groups are pieces of the edges, each with the one opposite. Added is how far edges along the raster
+that are as sharp as pixels are drawn aside by the pixels' being squares.
 """
 
 from __future__ import annotations
@@ -45,6 +46,10 @@ LEAST_PIXELS = 27
 """Three times the parameters but the third moments: fewer do not carry these with any certainty left."""
 RASTER_PX3 = math.sqrt(1.0 / 210.0)
 """Third moment of an edge mixed from two pixels, rms over all places between them: that of f (1 - f) (1 - 2 f)."""
+ALIASED_PX = 1.0 / math.pi
+"""Times exp(-2 pi^2 s^2): how far a line fitted to an edge along the raster swings about it as the edge moves through a
+pixel. A pixel is the mean over its square, whose spectrum ends before one period a pixel; a Gaussian of the same width
+s has that much left there, which the raster takes for a place: 0.04 px rms at a blur of pixels alone, 0.002 at 0.5."""
 LEAST_RASTER = 0.1
 """Of RASTER_PX3: what is left of it on an edge that crosses a pixel and a half; below, the k are not looked for."""
 LEAST_LOG_MIXED = math.log(0.5)
@@ -192,12 +197,20 @@ def _normal_equations(window, p, prior, J, residuals, JtJ, Jtr):  # type: ignore
 
 
 @compiled_part("float64(float64, float64)")
-def _raster(angle, length):  # type: ignore[no-untyped-def]
-    """Deviation of the third moment of an edge in direction `angle`, px^3, averaged over its length, px."""
+def _together(angle, length):  # type: ignore[no-untyped-def]
+    """What is left of an effect of where an edge in direction `angle` falls between pixels, over its length, px."""
     along, across = abs(math.cos(angle)), abs(math.sin(angle))
-    # The first harmonic of f (1 - f) (1 - 2 f) holds 99 % of its variance; its mean over so many periods is a sinc.
+    # The first harmonic holds nearly all of such effects' variance; its mean over so many periods is a sinc.
     crossed = length * min(along, across)
-    return RASTER_PX3 * (abs(math.sin(math.pi * crossed) / (math.pi * crossed)) if crossed > 1e-3 else 1.0)
+    return abs(math.sin(math.pi * crossed) / (math.pi * crossed)) if crossed > 1e-3 else 1.0
+
+
+@compiled_part("float64(float64[::1], float64, float64)")
+def _aliased(p, left_a, left_b):  # type: ignore[no-untyped-def]
+    """Variance of the corner per axis, px^2, by what pixels do not show of edges as sharp as they are."""
+    sine = math.sin(p[2] - p[3])
+    lines = 0.5 * (ALIASED_PX * math.exp(-2.0 * math.pi**2 * math.exp(2.0 * p[4]))) ** 2
+    return 0.5 * lines * (left_a * left_a + left_b * left_b) / max(sine * sine, 1e-6)
 
 
 @compiled_part("int64(uint8[:, ::1], float64[::1], float64[::1], float64, float64[::1], float64[:, ::1])")
@@ -338,14 +351,14 @@ def _fit(grey, uv, steps, dark, radius, blur, begin, zero):  # type: ignore[no-u
             for k in range(m):
                 p[k] = begin[i, k]
         prior[0], prior[1] = 1.0 / (FLAT_PX3 * FLAT_PX3), 1.0 / (FLAT_PX3 * FLAT_PX3)
-        cost, variance = 0.0, 0.0
+        cost, variance, left_a, left_b = 0.0, 0.0, 0.0, 0.0
         # First to where it can be told whether the third moments matter, then all the way.
         for stage in range(2):
             if stage > 0:
                 length = 2.0 * math.sqrt(count / math.pi)
-                raster_a, raster_b = _raster(p[2], length), _raster(p[3], length)
-                if p[4] > LEAST_LOG_MIXED and max(raster_a, raster_b) > LEAST_RASTER * RASTER_PX3:
-                    deviation_a, deviation_b = max(raster_a, FLAT_PX3), max(raster_b, FLAT_PX3)
+                left_a, left_b = _together(p[2], length), _together(p[3], length)
+                if p[4] > LEAST_LOG_MIXED and max(left_a, left_b) > LEAST_RASTER:
+                    deviation_a, deviation_b = max(RASTER_PX3 * left_a, FLAT_PX3), max(RASTER_PX3 * left_b, FLAT_PX3)
                     prior[0], prior[1] = variance / (deviation_a * deviation_a), variance / (deviation_b * deviation_b)
             cost = _descend(window, p, radius, SMALL_STEP_PX if stage > 0 else ROUGH_STEP_PX, prior, JtJ)
             variance = max(cost / (count - m + THIRD_MOMENTS), LEAST_VARIANCE)
@@ -354,7 +367,7 @@ def _fit(grey, uv, steps, dark, radius, blur, begin, zero):  # type: ignore[no-u
             JtJ[k, k] += variance / LOG_BLUR_SIGMA**2
         factor(JtJ, 0.0, L)
         invert(L, cofactors)
-        spread = 0.5 * variance * (cofactors[0, 0] + cofactors[1, 1])
+        spread = 0.5 * variance * (cofactors[0, 0] + cofactors[1, 1]) + _aliased(p, left_a, left_b)
         # A fit that runs half its window away has left the corner it began at for something else.
         limit = min(WINDOW * min(math.hypot(step[0], step[1]), math.hypot(step[2], step[3])), 0.5 * radius)
         moved = math.hypot(p[0] - uv[i, 0], p[1] - uv[i, 1])

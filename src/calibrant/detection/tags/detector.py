@@ -13,6 +13,7 @@ from calibrant.arrays import Array, Grey
 from calibrant.detection.detection import Detection
 from calibrant.detection.opencv import Markers, marker_cells, sample
 from calibrant.detection.tags.agreement import map_from_unit_square
+from calibrant.detection.tags.drawn_edges import refine_drawn
 from calibrant.detection.tags.families import shows_tag
 from calibrant.detection.tags.quad_edges import refine_quads
 from calibrant.detection.tags.search import efforts, find_markers
@@ -58,7 +59,7 @@ class TagDetector:
         twice = [int(i) for i in np.unique(best.ids) if np.count_nonzero(best.ids == i) > 1]
         if twice:
             return Detection.nothing(f"marker {twice[0]} is in the picture twice; cover one of the two")
-        uv, sigma = _refined(grey, best.corners, target.dictionary)
+        uv, sigma = _refined(grey, best, target.dictionary)
         good = (sigma.max(axis=1) < WORST_SIGMA_PX) & _shown(grey, uv, best.ids, target.dictionary)
         good &= np.linalg.norm(np.roll(uv, -1, axis=1) - uv, axis=2).min(axis=1) > LEAST_SIDE_PX
         if not good.any():
@@ -70,12 +71,15 @@ class TagDetector:
         return Detection(ids, uv[kept].reshape(-1, 2), sigma[kept].ravel())
 
 
-def _refined(grey: Grey, corners: Array, name: str) -> tuple[Array, Array]:
+def _refined(grey: Grey, markers: Markers, name: str) -> tuple[Array, Array]:
     """Corners (n, 4, 2) px on the edges of the markers' squares, and their sigma_px (n, 4)."""
+    cells = np.stack([marker_cells(name, int(i)) for i in markers.ids])
+    square = cells.shape[1]
     if name in FAMILIES:
         # The square is light in a dark ring, each a cell wide.
-        return refine_quads(np.asarray(255 - grey, np.uint8), corners, reach=REACH_CELLS / FAMILIES[name].square)
-    return refine_quads(grey, corners, reach=REACH_CELLS / len(marker_cells(name, 0)))
+        grey, cells, square = np.asarray(255 - grey, np.uint8), ~cells, FAMILIES[name].square
+    uv, sigma = refine_quads(grey, markers.corners, reach=REACH_CELLS / square)
+    return refine_drawn(grey, uv, sigma, cells, square)
 
 
 def _shown(grey: Grey, corners: Array, ids: NDArray[np.int64], name: str) -> NDArray[np.bool_]:

@@ -24,6 +24,9 @@ FIND_PX = 12.0
 """Half length of the profiles that find an edge: a contour may run half a threshold's window away from it."""
 MEASURE_PX = (6.0, 4.0)
 """Half lengths of the profiles that measure it, the last with a sample every half pixel."""
+SHARED_PX = 1.5
+"""Profiles nearer to each other read the same pixels: n of them spaced by d then tell no more than n d / SHARED_PX do.
+Between pixels a bilinear value has 2/3 of a pixel's variance, the mean along an edge of length L one of L pixels."""
 LEAST_STEP = 8.0
 """Grey levels between ink and paper: a few times the noise."""
 NEIGHBOUR = 0.1
@@ -50,21 +53,36 @@ def refine_quads(grey: Grey, corners: Array, *, reach: float) -> tuple[Array, Ar
     uv = found.copy()
     for half_px, offsets in ((FIND_PX, _steepest), *((px, _by_area) for px in MEASURE_PX)):
         side = np.roll(uv, -1, axis=1) - uv
-        half = np.clip(reach * _depth(uv, side), 1.5, half_px)
-        value, normal = _profiles(grey, uv, side, half)
+        half = np.clip(reach * depth(uv, side), 1.5, half_px)
+        value, normal = profiles(grey, uv, side, -half, half)
         part, seen = offsets(value)
-        first, last, spread = _tangents(uv, side, normal, part * half[..., None], seen)
-        # Corner k is where side k - 1 ends and side k begins.
-        crossing, sine = _crossings(np.roll(last, 1, axis=1), first)
+        crossing, spread = crossings(uv, side, normal, part * half[..., None], seen)
         near = np.linalg.norm(crossing - found, axis=2) < 2.0 * FIND_PX
-        good = near & np.isfinite(spread) & np.isfinite(np.roll(spread, 1, axis=1))
-        both = spread**2 + np.roll(spread, 1, axis=1) ** 2
-        sigma = np.where(good, np.sqrt(0.5 * both + FLOOR_PX**2) / np.maximum(sine, 1e-3), np.inf)
+        good = near & np.isfinite(spread)
+        sigma = np.where(good, spread, np.inf)
         uv = np.where(good[..., None], crossing, uv)
     return uv, sigma
 
 
-def _depth(uv: Array, side: Array) -> Array:
+def crossings(
+    uv: Array, side: Array, normal: Array, offset: Array, seen: NDArray[np.bool_], shared: Array | float = 1.0
+) -> tuple[Array, Array]:
+    """Where the sides' lines cross, (n, 4, 2) px, with sigma_px (n, 4), infinite where a side is not seen.
+
+    Args: uv (n, 4, 2): corners; side, normal (n, 4, 2): as of them; offset, seen (n, 4, PROFILES): how far outwards
+    the edge lies at each profile, px, and whether it shows there; shared (n, 4): by what factor a side is less certain
+    than its profiles' scatter says, for what they share.
+    """
+    first, last, spread = _tangents(uv, side, normal, offset, seen)
+    spread = spread * shared
+    # Corner k is where side k - 1 ends and side k begins.
+    crossing, sine = _crossings(np.roll(last, 1, axis=1), first)
+    both = spread**2 + np.roll(spread, 1, axis=1) ** 2
+    sigma = np.sqrt(0.5 * both + FLOOR_PX**2) / np.maximum(sine, 1e-3)
+    return crossing, np.where(np.isfinite(crossing).all(axis=2), sigma, np.inf)
+
+
+def depth(uv: Array, side: Array) -> Array:
     """How deep the square is across each side (n, 4), px: a slanted one is narrower than its sides are long."""
     u, v = side[..., 0], side[..., 1]
     others = np.stack([np.roll(uv, -2, axis=1), np.roll(uv, -3, axis=1)]) - uv
@@ -72,13 +90,18 @@ def _depth(uv: Array, side: Array) -> Array:
     return np.asarray(distance.min(axis=0))
 
 
-def _profiles(grey: Grey, uv: Array, side: Array, half: Array) -> tuple[Array, Array]:
-    """Grey values (n, 4, PROFILES, SAMPLES) from inside outwards across the sides, and outward normals (n, 4, 2)."""
+def profiles(
+    grey: Grey | NDArray[np.float32], uv: Array, side: Array, first: Array, last: Array
+) -> tuple[Array, Array]:
+    """Grey values (n, 4, PROFILES, SAMPLES) across the sides, and outward normals (n, 4, 2).
+
+    Args: first, last (n, 4): where profiles begin and end, px outwards of the side.
+    """
     tangent = side / np.maximum(np.linalg.norm(side, axis=2), 1e-9)[..., None]
     # Corners go clockwise (y down): the outward normal is the tangent turned back by 90 degrees.
     normal = np.stack([tangent[..., 1], -tangent[..., 0]], axis=-1)
     foot = uv[:, :, None] + np.linspace(*ALONG, PROFILES)[:, None] * side[:, :, None]
-    across = half[..., None, None] * np.linspace(-1.0, 1.0, SAMPLES)
+    across = first[..., None, None] + (last - first)[..., None, None] * np.linspace(0.0, 1.0, SAMPLES)
     at = foot[:, :, :, None] + across[..., None] * normal[:, :, None, None]
     return sample(grey, at.reshape(4 * len(uv), -1, 2)).reshape(at.shape[:-1]), normal
 
@@ -142,6 +165,8 @@ def _tangents(
         weight = (seen & near).astype(np.float64)
     end = np.array([1.0, 0.5, 0.25])
     spread = scatter * np.sqrt(np.einsum("a,...ab,b->...", end, cofactors, end))
+    apart = length * (ALONG[1] - ALONG[0]) / (PROFILES - 1)
+    spread *= np.sqrt(np.maximum(1.0, SHARED_PX / np.maximum(apart, 1e-9)))
     lines = []
     for at in (-0.5, 0.5):
         here = p @ np.array([1.0, at, at**2])

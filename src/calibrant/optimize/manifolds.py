@@ -218,6 +218,8 @@ class Variable:
 
     `constant` variables take part in factors but are not solved for. `labels` name the instances for people, `words`
     the variable ("the camera on the gripper"), `hint` says what would determine it ("turn about another axis").
+    shares: (name, n) of another variable of one instance whose last n free components are this one's first n: one
+    unknown each, not two; both then start from the same values of them.
     Raises: InputError for a wrong shape, an empty batch or values that are not finite.
     """
 
@@ -228,6 +230,7 @@ class Variable:
     labels: Sequence[str] | None = None
     words: str = ""
     hint: str = ""
+    shares: tuple[str, int] | None = None
 
     def __post_init__(self) -> None:
         values = np.array(self.values, dtype=np.float64)

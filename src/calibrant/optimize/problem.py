@@ -55,9 +55,26 @@ class Problem:
         idle = [v.name for v in self.variables if v.free_dim and v.name not in touched]
         if idle:
             raise InputError(f"no factor touches the variable {idle[0]!r}; leave it out or make it constant")
+        self._check_shares()
         bad = {k: s for k, s in self.sigmas.items() if not (np.isfinite(s) and s > 0)}
         if bad:
             raise InputError(f"noise levels must be finite and above 0, got {bad}")
+
+    def _check_shares(self) -> None:
+        by_name = {v.name: v for v in self.variables}
+        followed: set[str] = set()
+        for v in self.variables:
+            if v.shares is None:
+                continue
+            name, n = v.shares
+            other = by_name.get(name)
+            if other is None or other is v or name in followed or max(v.count, other.count) > 1:
+                raise InputError(
+                    f"variable {v.name!r} shares components with {name!r}: both stand alone, and one follows another"
+                )
+            if n > min(v.free_dim, other.free_dim):
+                raise InputError(f"variable {v.name!r} shares {n} components with {name!r}, more than they have")
+            followed.add(name)
 
     @cached_property
     def structure(self) -> Structure:
@@ -82,7 +99,7 @@ class Problem:
     @property
     def free_count(self) -> int:
         """Number of free unknowns."""
-        return sum(v.count * v.free_dim for v in self.variables)
+        return sum(v.count * v.free_dim - (v.shares[1] if v.shares else 0) for v in self.variables)
 
     def variable_index(self, name: str) -> int:
         """Position of a variable. Raises: InputError with the names there are."""

@@ -181,7 +181,7 @@ def _place_batch(
         row_of[batch_of == b] = np.arange(np.sum(batch_of == b))
     batches = tuple((size, int(np.sum(batch_of == b))) for b, size in enumerate(distinct))
     placements: list[Placement | None] = []
-    shared = 0
+    starts, shared = _shared_starts(variables, eliminated)
     for i, variable in enumerate(variables):
         if not variable.free_dim:
             placements.append(None)
@@ -191,18 +191,35 @@ def _place_batch(
                 _eliminated(batch_of[labels].astype(np.int64), row_of[labels], offsets[i], variable, batches)
             )
         else:
-            columns = shared + variable.free_dim * np.arange(variable.count)
-            shared += variable.free_dim * variable.count
             placements.append(
                 Placement(
                     np.full(variable.count, SHARED),
                     np.zeros(variable.count, dtype=np.int64),
-                    columns,
+                    starts[i] + variable.free_dim * np.arange(variable.count),
                     variable.free_dim,
                     SHARED,
                 )
             )
     return tuple(placements), batches, shared
+
+
+def _shared_starts(variables: Sequence[Variable], eliminated: set[int]) -> tuple[dict[int, int], int]:
+    """First column of every variable of the dense part, and its dimension. One that shares components with another
+    follows it, and begins in its last columns."""
+    dense = [i for i, v in enumerate(variables) if v.free_dim and i not in eliminated]
+    followers = {v.shares[0]: i for i, v in enumerate(variables) if v.shares is not None and i in dense}
+    starts: dict[int, int] = {}
+    end = 0
+    for i in dense:
+        k: int | None = i
+        while k is not None and k not in starts:
+            v = variables[k]
+            if v.shares is not None and k == i:
+                break  # it comes with the one that it follows
+            starts[k] = end - (0 if v.shares is None else v.shares[1])
+            end = starts[k] + v.count * v.free_dim
+            k = followers.get(v.name)
+    return starts, end
 
 
 def _eliminated(

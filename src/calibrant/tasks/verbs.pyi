@@ -87,6 +87,7 @@ def stereo(
     pairs: str = "auto",
     model: Words = (),
     fix: Words = (),
+    same_focal: bool = False,
     camera: Words = (),
     initial: Words = (),
     mark_left: str | None = None,

@@ -9,6 +9,7 @@ import pytest
 from scipy.optimize import least_squares
 
 import calibrant as cb
+from calibrant.calibrate.cell.rig import fit_rig
 from calibrant.calibrate.stereo.depth import point_certainty
 from calibrant.calibrate.stereo.edges import neighbours
 from calibrant.calibrate.stereo.pairs import epipolar_errors, fundamental, seen_by_both
@@ -17,7 +18,7 @@ from calibrant.data import CalibrationResult, Observations
 from calibrant.data.details import EpipolarErrors, StereoGeometry, TriangulatedEdges
 from calibrant.errors import InputError
 from calibrant.geometry import se3
-from calibrant.simulate.scenes import grid
+from calibrant.simulate.scenes import grid, standard_camera
 from calibrant.simulate.stereo import StereoScene, stereo_scene
 
 
@@ -165,3 +166,58 @@ def test_edges_are_as_good_as_noise_lets_them(result: CalibrationResult) -> None
     # A tenth of a pixel at 0.7 m and 0.12 m apart is half a millimetre in depth, along the tilted edge less of it.
     assert 0.01 < found.rms_mm < 1.0
     assert abs(found.mean_mm) < found.rms_mm
+
+
+def equal_scene(seed: int, *, sigma: float = 0.1) -> StereoScene:
+    """Two cameras of one focal length, and all else different."""
+    left = standard_camera()
+    focal = {n: left.parameters[n] for n in ("fx", "fy")}
+    right = Camera.create("brown", focal | {"cx": 500.2, "cy": 380.1, "k1": -0.11}, image_size=(1000, 780))
+    return stereo_scene(seed, sigma_px=(sigma, sigma), cameras=(left, right))
+
+
+def test_one_focal_length_for_both() -> None:
+    exact = cb.calibrate_stereo(equal_scene(1, sigma=0.0).observations, same_focal=True)
+    np.testing.assert_allclose(exact.transform("left", "right").matrix, equal_scene(1).T_left_right, atol=1e-7)
+    scene = equal_scene(2)
+    free, tied = (cb.calibrate_stereo(scene.observations, same_focal=same) for same in (False, True))
+    left, right = tied.cameras.values()
+    for n in ("fx", "fy"):
+        assert left.parameters[n] == pytest.approx(right.parameters[n], rel=1e-13)
+        assert left.sigma[n] == pytest.approx(right.sigma[n], rel=1e-6)
+        assert abs(left.parameters[n] - scene.cameras["left"].parameters[n]) < 4 * left.sigma[n]
+    assert tied.check("same-focal").status == "ok"
+    assert tied.options["same_focal"] is True
+    # One unknown: the two are as certain together as each.
+    joint = tied.joint_covariance
+    assert joint is not None
+    assert joint.lenses is not None
+    assert joint.lenses[0, 9] == pytest.approx(joint.lenses[0, 0], rel=1e-6)
+    assert tied.rms_px == pytest.approx(free.rms_px, rel=0.01)
+    # By the pixels' noise alone, what the other eye says of it makes it better known.
+    fits = [fit_rig(scene.observations, same_focal=same).noise.solution for same in (False, True)]
+    by_noise = [np.diag(replace(s, beside=None).covariance("lens of left"))[:2] for s in fits]
+    assert np.all(by_noise[1] < by_noise[0])
+
+
+def test_one_focal_length_with_the_aspect_held() -> None:
+    tied = cb.calibrate_stereo(equal_scene(3).observations, same_focal=True, fix=("aspect",))
+    left, right = (c.parameters for c in tied.cameras.values())
+    assert (left["fx"], left["fy"]) == pytest.approx((right["fx"], right["fy"]), rel=1e-13)
+
+
+def test_focal_lengths_that_are_not_the_same_are_said(scene: StereoScene) -> None:
+    check = cb.calibrate_stereo(scene.observations, same_focal=True).check("same-focal")
+    assert check.status == "warn"
+    assert "they are not the same" in check.message
+
+
+def test_one_focal_length_needs_both_free() -> None:
+    scene = equal_scene(4)
+    for given, words in (
+        ({"cameras": {"left": scene.cameras["left"]}}, "give neither"),
+        ({"fix": {"right": ("focal",)}, "initial": {"right": scene.cameras["right"]}}, "is held"),
+        ({"fix": {"right": ("aspect",)}}, "held in one camera alone"),
+    ):
+        with pytest.raises(InputError, match=words):
+            cb.calibrate_stereo(scene.observations, same_focal=True, **given)

@@ -178,10 +178,11 @@ def fit_cell(
     time_offsets: bool = False,
     readout: bool = False,
     rigid: Sequence[Sequence[str]] = (),
+    same_focal: tuple[()] | tuple[str, str] = (),
 ) -> CellFit:
     """The fit behind `calibrate_cell`; arguments and errors as there. reference: the root camera of a rig; together:
     cameras that their own views need not determine (`LensChoice`); times, time_offsets, readout: as `calibrate_rig` has
-    them."""
+    them; same_focal: two cameras, both calibrated from their pictures, of one focal length."""
     pictures = [pictures] if isinstance(pictures, Pictures) else pictures
     expect(pictures, (list, tuple), "pictures", "a list of Pictures, one for each camera, robot and setup")
     for one in pictures:
@@ -194,6 +195,8 @@ def fit_cell(
     lenses = lens_choices(
         where.cameras_with_images, cameras=cameras, initial=initial, model=model, fix=fix, together=together
     )
+    if any(lenses[name].given is not None for name in same_focal):
+        raise InputError("same focal lengths are found from the pictures of both cameras: give neither (cameras)")
     data, roles, left_out = _matched(where, lenses)
     where, data, numbering = numbered_alike(where, data)
     where, data, by_hand = numbered_at_once(where, data)
@@ -201,7 +204,7 @@ def fit_cell(
     free = {name: free_joints(r, identify) for name, r in _readings(where, joints).items()}
     start = cell_start(where, data, {v.id: v.reason or "" for v in left_out})
     with _by_its_cause(start):
-        whole = Cell(where, start.data, roles, free, times or {})
+        whole = Cell(where, start.data, roles, free, times or {}, same_focal=same_focal)
         if time_offsets or readout:
             clocks = clocks_asked(whole, offsets=time_offsets, readout=readout)
             noise, cell = refined_with_clocks(whole, start.transforms, start.spread, clocks)

@@ -84,8 +84,10 @@ def fit_rig(
     times: Mapping[str, float] | None = None,
     time_offsets: bool = False,
     readout: bool = False,
+    same_focal: bool = False,
 ) -> CellFit:
-    """The fit behind `calibrate_rig`; arguments and errors as there. together: as `fit_cell` has it."""
+    """The fit behind `calibrate_rig`; arguments and errors as there. together: as `fit_cell` has it; same_focal: of a
+    rig of two."""
     expect(observations, Observations, "observations", "Observations of two cameras or more")
     names = tuple(observations.image_sizes)
     if len(names) < 2:
@@ -105,4 +107,5 @@ def fit_rig(
         times=times,
         time_offsets=time_offsets,
         readout=readout,
+        same_focal=(names[0], names[1]) if same_focal else (),
     )

@@ -37,11 +37,13 @@ def calibrate_stereo(
     initial: Mapping[str, Camera] | None = None,
     model: ForEach = MODEL,
     fix: FixForEach = (),
+    same_focal: bool = False,
 ) -> CalibrationResult:
     """Calibrate two cameras that are fixed to each other; the first of the observations is the left one.
 
     Arguments, fit and digits are those of `calibrate_rig`: cameras known (held within their covariance), guessed
-    (initial) or free, each by its name; views of one `moment` were taken at once. Returns a result of kind "stereo":
+    (initial) or free, each by its name; views of one `moment` were taken at once. same_focal: fx and fy are one
+    unknown each for both cameras. Returns a result of kind "stereo":
     T_left_right (coordinates of the right camera into the left one), `StereoGeometry` with OpenCV's R, t, E and F,
     `EpipolarErrors`, `TriangulatedEdges`; figures "baseline" (mm), "epipolar RMS" (px), "edge RMS"
     (mm) and "depth" (mm, of a point amid the boards, with the sigma that the calibration leaves in it).
@@ -61,8 +63,9 @@ def calibrate_stereo(
             f"stereo takes two cameras, the observations have {len(names)}: {', '.join(names)}; calibrate_rig takes "
             "any number"
         )
-    fit = fit_rig(observations, cameras=cameras, initial=initial, model=model, fix=fix)
-    result = stereo_result(fit, reviewed_cell(fit, asked_of_rig(model, fix, initial)))
+    fit = fit_rig(observations, cameras=cameras, initial=initial, model=model, fix=fix, same_focal=same_focal)
+    asked = asked_of_rig(model, fix, initial) | ({"same_focal": True} if same_focal else {})
+    result = stereo_result(fit, reviewed_cell(fit, asked))
     refuse_if_failed(result)
     return result
 
@@ -82,6 +85,7 @@ def stereo_result(fit: CellFit, rig: CalibrationResult) -> CalibrationResult:
         questions.sides_check(left, right, T),
         questions.pairs_check(rig.observations, left, right, pairs),
         *questions.epipolar_checks(errors),
+        *questions.same_focal_checks([fit.cell.roles[name].camera for name in fit.cell.same_focal]),
     )
     checks = (*rig.checks, *asked)
     return replace(

@@ -7,11 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibrant.calibrate.stereo.pairs import Seen
+from calibrant.cameras import Camera
 from calibrant.data import Check, Observations, TransformEstimate
 from calibrant.data.details import EpipolarErrors
+from calibrant.optimize.chances import chi2_tail
 
 EPIPOLAR_WARN = 1.5
 """Epipolar errors over what the pixels' noise makes of them: a common geometry for all pairs leaves them nearly so."""
+DIFFERENT = 1e-4
+"""Chance of focal lengths as different of two that are the same: one of ten thousand pairs is warned of."""
 FEW_POINTS = 4
 """Points of a pair that both saw, below which their relative pose is not seen in it."""
 _LISTED = 4
@@ -72,6 +76,27 @@ def epipolar_checks(errors: EpipolarErrors | None) -> tuple[Check, ...]:
     typical = float(np.median(list(rms.values())))
     message = f"{text}. Most at {worst}, {rms[worst]:.3g} px (typical: {typical:.3g} px)"
     return (Check("epipolar", "warn", message, errors.rms_px),)
+
+
+def same_focal_checks(cameras: Sequence[Camera]) -> tuple[Check, ...]:
+    """Do two cameras that are taken to have one focal length have it by their own images? cameras: as those have
+    them."""
+    if not cameras:
+        return ()
+    a, b = cameras
+    names = [n for n in ("fx", "fy") if a.sigma.get(n) and b.sigma.get(n)]
+    at_a, at_b = ([c.model.index(n) for n in names] for c in (a, b))
+    if not names or a.covariance is None or b.covariance is None:
+        return ()
+    d = b.values[at_b] - a.values[at_a]
+    C = a.covariance[np.ix_(at_a, at_a)] + b.covariance[np.ix_(at_b, at_b)]
+    chance = chi2_tail(len(d), float(d @ np.linalg.pinv(C, hermitian=True) @ d))
+    said = ", ".join(f"{n} by {x:.2g} ± {s:.2g} px" for n, x, s in zip(names, d, np.sqrt(np.diag(C))))
+    text = f"by their own images the focal lengths differ: {said}"
+    if chance < DIFFERENT:
+        message = f"{text}; they are not the same: leave the option out, or their places take up the difference"
+        return (Check("same-focal", "warn", message, chance),)
+    return (Check("same-focal", "ok", f"{text}, which is chance: one unknown serves both", chance),)
 
 
 def _listed(names: Sequence[str]) -> str:

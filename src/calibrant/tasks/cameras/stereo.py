@@ -56,6 +56,8 @@ class Request:
     """Camera model of both, brown unless given, or of one: left:kannala_brandt."""
     fix: Annotated[tuple[str, ...], Option("NAMES", names=True)] = ()
     """Hold these: fx fy cx cy k1 k2 k3 p1 p2, aspect, radial, tangential, focal, principal; of one camera: left:k3."""
+    same_focal: bool = False
+    """Both cameras have one focal length: fx and fy are one unknown each."""
     camera: Annotated[tuple[str, ...], Option("SIDE=FILE")] = ()
     """Known camera (any format), held within its uncertainty: left=left.json. Both: give the option twice."""
     initial: Annotated[tuple[str, ...], Option("SIDE=FILE")] = ()
@@ -146,6 +148,7 @@ def _calibrated(found: Observations, request: Request) -> CalibrationResult:
         initial=_cameras(request.initial, "--initial", found),
         model=_same_for_both(model, names, "brown"),
         fix=_same_for_both(fix, names, ()),
+        same_focal=request.same_focal,
     )
 
 

@@ -53,6 +53,7 @@ from calibrant.calibrate.cell.problem.layout import (
     variable,
 )
 from calibrant.calibrate.cell.problem.pose_pairs import MeasuredRotation, MeasuredTranslation
+from calibrant.calibrate.cell.problem.same_focal import with_one_focal
 from calibrant.calibrate.cell.problem.views import HandEyeViews, from_target_poses
 from calibrant.calibrate.reprojection.carried import CarriedFactor
 from calibrant.calibrate.reprojection.factor import ReprojectionFactor, StackedViews, TargetModes, stack
@@ -72,7 +73,8 @@ Rows = NDArray[np.int64]
 class Cell:
     """Everything the problem is made of: the layout, the matched views of each list of pictures, the roles of the
     cameras that have images, the robots whose joints are free, the times of
-    moments, seconds, where they are known, and the clocks of the cameras where they are asked for."""
+    moments, seconds, where they are known, and the clocks of the cameras where they are asked for. same_focal: two
+    cameras with one focal length, or none."""
 
     layout: Layout
     data: tuple[HandEyeViews, ...]
@@ -80,6 +82,7 @@ class Cell:
     free: Mapping[str, FreeJoints]
     times: Mapping[str, float] = field(default_factory=dict)
     clocks: Clocks | None = None
+    same_focal: tuple[()] | tuple[str, str] = ()
 
     @property
     def lists(self) -> list[tuple[int, Pictures, HandEyeViews]]:
@@ -206,6 +209,8 @@ def cell_problem(
     for name, role in cell.roles.items():
         if lens_variable(name) in seen:
             _add_lens(cell, name, role, variables, factors)
+    if cell.same_focal and {lens_variable(name) for name in cell.same_focal} <= seen:
+        _tie_focal(cell, *cell.same_focal, variables)
     for robot in cell.layout.robots:
         _add_robot(cell, robot, variables, factors)
     needed = {name for f in factors for name in f.variables}
@@ -292,6 +297,12 @@ def _add_lens(cell: Cell, name: str, role: CameraRole, variables: list[Variable]
                 noise=cell.pixel_group(name),
             )
         )
+
+
+def _tie_focal(cell: Cell, a: str, b: str, variables: list[Variable]) -> None:
+    """One focal length for two cameras that are said to have the same."""
+    i, j = ([v.name for v in variables].index(lens_variable(name)) for name in (a, b))
+    variables[i], variables[j] = with_one_focal(variables[i], variables[j], cell.roles[a], cell.roles[b])
 
 
 def _add_robot(cell: Cell, robot: str, variables: list[Variable], factors: list[Factor]) -> None:

@@ -134,7 +134,7 @@ def test_what_a_pose_is_off_by_against_differences() -> None:
         covariance = np.zeros((9, 9))
         covariance[k, k] = step**2
         known = Camera(camera.model, camera.image_size, camera.values, covariance)
-        _, L = pose_errors(known, view, T, 0.1)
+        ((_,), (L,)) = pose_errors(known, [view], T[None], np.array([0.1]))
         moved = camera.values.copy()
         moved[k] += step
         (other,) = poses_from(Camera(camera.model, camera.image_size, moved), [view], T[None])

@@ -106,10 +106,10 @@ def pair_poses(
     for name, seen in ((pair.a, pair.seen_a), (pair.b, pair.seen_b)):
         T.append(poses(data, seen))
         views.append([view_of(data, s) for s in seen])
-        each = zip(views[-1], T[-1], (data[s.list].sigma_px for s in seen))
-        errors = [pose_errors(roles[name].camera, view, at, sigma) for view, at, sigma in each]
-        C.append(np.array([own for own, _ in errors]))
-        L.append(np.array([shared for _, shared in errors]))
+        sigma = np.array([data[s.list].sigma_px for s in seen])
+        by_noise, by_lens = pose_errors(roles[name].camera, views[-1], T[-1], sigma)
+        C.append(by_noise)
+        L.append(by_lens)
     by_jitter, late = swept([data[s.list].ids[s.row] for s in pair.seen_b], T[1], times)
     if by_jitter.any():
         C[1] = C[1] + by_jitter
@@ -270,7 +270,8 @@ def _left_out(
         roles[pair.b] = with_unused(role, lists)
     more = f" … ({len(said)})" if len(said) > _LISTED else ""
     shift = _common_shift(partners)
-    words = "" if shift is None or len(rows) < LEAST else f": from {found.names_a[rows[0]]} on, {_late(pair, shift)}"
+    from_then = shift is not None and len(rows) >= LEAST and rows == list(range(rows[0], len(found)))
+    words = f": from {found.names_a[rows[0]]} on, {_late(pair, shift or 0)}" if from_then else ""
     message = (
         f"{len(rows)} of {len(found)} pairs do not show the board at one moment and are left out: "
         f"{'; '.join(said[:_LISTED])}{more}{words}. Was an image lost, or the board moved between the two shutters?"
@@ -288,9 +289,9 @@ def _partner(found: PairPoses, D: Array, k: int) -> int | None:
 
 
 def _common_shift(partners: Mapping[int, int | None]) -> int | None:
-    """By how many moments b's views are late, where all of them are by as many."""
-    shifts = {k - other for k, other in partners.items() if other is not None}
-    return shifts.pop() if len(shifts) == 1 else None
+    """By how many moments b's views are late, where most of them are by as many, and none by others."""
+    shifts = [k - other for k, other in partners.items() if other is not None]
+    return shifts[0] if len(set(shifts)) == 1 and len(shifts) > len(partners) / 2 else None
 
 
 def _late(pair: Common, shift: int) -> str:

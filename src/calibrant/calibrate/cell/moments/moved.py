@@ -21,6 +21,8 @@ from calibrant.optimize.chances import f_tail
 
 CHANCE = 1e-4
 """One of ten thousand sessions whose cameras stood still is accused."""
+MOST_ALIKE = 0.98
+"""A correlation nearer to one is not told from it by so few moments."""
 LEAST_GROUP = 2
 """Moments of a group: one alone is a pair that does not belong, not a move."""
 
@@ -55,21 +57,32 @@ def move_between(d: Array, C: Array, L: Array) -> Move | None:
     corner = np.cumsum(np.cumsum(W[::-1, ::-1], axis=0), axis=1)[::-1, ::-1]
     right = np.cumsum(Wd[::-1], axis=0)[::-1]
     total = float(np.einsum("ni,ni->", d, Wd))
-    most, first, moved, explained = 0.0, 0, np.zeros(6), 0.0
-    tried = n - 2 * LEAST_GROUP + 1
-    for k in range(LEAST_GROUP, n - LEAST_GROUP + 1):
-        H = np.block([[rows[0], rows[k].T], [rows[k], corner[k, k]]])
-        inverse = np.linalg.pinv(H, rcond=1e-13, hermitian=True)
-        g = np.concatenate([right[0], right[k]])
-        found = inverse @ g
-        step = found[6:]
-        z = float(step @ np.linalg.solve(inverse[6:, 6:], step))
-        # Covariances hold what they hold: less scatter than that is luck.
-        left = max((total - float(g @ found)) / (6 * n - 12), 1.0)
-        if z / left > most:
-            most, first, moved, explained = z / left, k, step, z
-    chance = float(f_tail(6, 6 * n - 12, most / 6)) * tried
-    return Move(first, moved, chance, explained, total) if chance < CHANCE else None
+    at = np.arange(LEAST_GROUP, n - LEAST_GROUP + 1)
+    H = np.empty((len(at), 12, 12))
+    H[:, :6, :6], H[:, 6:, :6], H[:, 6:, 6:] = rows[0], rows[at], corner[at, at]
+    H[:, :6, 6:] = np.swapaxes(rows[at], 1, 2)
+    g = np.concatenate([np.broadcast_to(right[0], (len(at), 6)), right[at]], axis=1)
+    inverse = np.linalg.pinv(H, rcond=1e-13, hermitian=True)
+    found = np.einsum("kij,kj->ki", inverse, g)
+    step = found[:, 6:]
+    z = np.einsum("ki,ki->k", step, np.linalg.solve(inverse[:, 6:, 6:], step[..., None])[..., 0])
+    # Covariances hold what they hold: less scatter than that is luck.
+    left = np.maximum((total - np.einsum("ki,ki->k", g, found)) / (6 * n - 12), 1.0)
+    best = int(np.argmax(z / left))
+    k = int(at[best])
+    ratio = float(z[best] / left[best]) / _in_a_row(d, C, found[best], k)
+    chance = float(f_tail(6, 6 * n - 12, ratio / 6)) * len(at)
+    return Move(k, step[best], chance, float(z[best]), total) if chance < CHANCE else None
+
+
+def _in_a_row(d: Array, C: Array, found: Array, k: int) -> float:
+    """How many times fewer moments there are than it seems, where neighbours err alike, as shutters that are not at
+    once make a moving board do: (1 + r) / (1 - r), r the correlation of one moment's errors with the next's."""
+    e = d - found[:6]
+    e[k:] -= found[6:]
+    white = np.linalg.solve(np.linalg.cholesky(C), e[..., None])[..., 0]
+    r = float(np.sum(white[1:] * white[:-1]) / max(float(np.sum(white**2)), 1e-300))
+    return (1 + max(r, 0.0)) / (1 - min(max(r, 0.0), MOST_ALIKE))
 
 
 def _weights(d: Array, C: Array, L: Array) -> tuple[Array, Array]:

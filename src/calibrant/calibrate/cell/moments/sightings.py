@@ -16,10 +16,11 @@ import numpy as np
 from calibrant.arrays import Array
 from calibrant.calibrate.cell.problem.layout import Layout
 from calibrant.calibrate.cell.problem.views import HandEyeViews
+from calibrant.calibrate.reprojection.factor import ReprojectionFactor, stack
 from calibrant.calibrate.reprojection.links import Link, link_maps
 from calibrant.cameras import Camera
 from calibrant.data import View
-from calibrant.geometry import se3, so3
+from calibrant.geometry import se3
 
 Moment = tuple[str, str]
 """A target's frame, and the moment."""
@@ -98,20 +99,22 @@ def view_of(data: Sequence[HandEyeViews], s: Sighting) -> View:
     return views[s.row]
 
 
-def pose_errors(camera: Camera, view: View, T: Array, sigma_px: float) -> tuple[Array, Array]:
-    """What a view's own pose is off by: C (6, 6) by its points' noise, and L (6, p) by its lens, of unit covariance.
+def pose_errors(camera: Camera, views: Sequence[View], T: Array, sigma_px: Array) -> tuple[Array, Array]:
+    """What the views' own poses T (n, 4, 4) are off by: C (n, 6, 6) by their points' noise, and L (n, 6, p) by their
+    lens, of unit covariance.
 
     C = sigma^2 A with A = (J^T J)^-1; L = -A J^T J_lens R with R R^T the lens's covariance: one error in all views.
     """
-    rotated = view.points @ T[:3, :3].T
-    _, J_point, J_lens = camera.model.project_with_jacobians(camera.values, rotated + T[:3, 3])
-    J = np.concatenate([-J_point @ so3.hat(rotated), J_point], axis=2).reshape(-1, 6)
-    A = np.linalg.pinv(J.T @ J, rcond=1e-12, hermitian=True)
+    at = np.arange(len(views))
+    factor = ReprojectionFactor("views", model=camera.model, camera="lens", links=[Link("T", at)], views=stack(views))
+    H = factor.blocks((np.ascontiguousarray(T), camera.values[None]), sigma=1.0).H
+    A = np.linalg.pinv(H[:, :6, :6], rcond=1e-12, hermitian=True)
+    C = np.square(sigma_px)[:, None, None] * A
     if camera.covariance is None:
-        return sigma_px**2 * A, np.zeros((6, 1))
+        return C, np.zeros((len(views), 6, 1))
     values, axes = np.linalg.eigh(camera.covariance)
     root = axes * np.sqrt(np.maximum(values, 0.0))
-    return sigma_px**2 * A, np.asarray(-A @ J.T @ J_lens.reshape(len(J), -1) @ root)
+    return C, -A @ H[:, :6, 6:] @ root
 
 
 def relative(T_a: Array, T_b: Array) -> Array:

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from calibrant.tasks.inputs.pose_files import read_poses as read_poses
     from calibrant.tasks.verbs import capture as capture
     from calibrant.tasks.verbs import demo as demo
+    from calibrant.tasks.verbs import depth as depth
     from calibrant.tasks.verbs import doctor as doctor
     from calibrant.tasks.verbs import dynamic as dynamic
     from calibrant.tasks.verbs import hand_eye as hand_eye
@@ -84,6 +85,7 @@ _PUBLIC = {
     "calibrate_stereo": ("calibrant.calibrate.stereo.calibrate", "calibrate_stereo"),
     "calibrate_several": ("calibrant.calibrate.cell.calibrate", "calibrate_several"),
     "detect": ("calibrant.detection.pipeline", "detect"),
+    "depth": ("calibrant.tasks.verbs", "depth"),
     "doctor": ("calibrant.tasks.verbs", "doctor"),
     "dynamic": ("calibrant.tasks.verbs", "dynamic"),
     "undistort": ("calibrant.tasks.verbs", "undistort"),

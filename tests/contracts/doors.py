@@ -114,6 +114,23 @@ def _pair(files: Files) -> Path:
     return path
 
 
+def _depth(files: Files) -> Options:
+    """A textured wall, parallel to the pictures of a pair."""
+    rng = np.random.default_rng(3)
+    wall = cv2.GaussianBlur(rng.uniform(0, 255, (360, 520)).astype(np.float32), (0, 0), 1.5) * 3 - 255
+    camera = Camera.create("pinhole", {"fx": 430.0, "fy": 430.0, "cx": 239.5, "cy": 179.5}, image_size=(480, 360))
+    for name, first in (("left", 10), ("right", 30)):
+        cv2.imwrite(str(files.folder / f"{name}.png"), np.clip(wall[:, first : first + 480], 0, 255).astype(np.uint8))
+    place = as_transform("left", "right", se3.make(np.eye(3), [0.08, 0.0, 0.0]))
+    path = files.folder / "parallel.json"
+    CalibrationResult("rig", "ok", cameras={"left": camera, "right": camera}, transforms=(place,)).write(path)
+    return {
+        "result": path,
+        "left": files.folder / "left.png",
+        "right": files.folder / "right.png",
+    }
+
+
 def _rectify(files: Files) -> Options:
     left, right = ([files.images / f"0{i}.png"] for i in (0, 1))
     out = files.folder / "rectified"
@@ -154,6 +171,7 @@ CASES: Mapping[str, Callable[[Files], Options]] = {
     "capture": _capture,
     "point": _point,
     "rectify": _rectify,
+    "depth": _depth,
     "undistort": _undistort,
     "verify unchanged": _verify_unchanged,
 }

@@ -61,6 +61,7 @@ TASKS = {
     "vanishing": Entry("cameras.vanishing", "Find how a camera is turned, from a scene's edges."),
     "undistort": Entry("cameras.undistort", "Undistort photos.", ("json",), judged=False),
     "rectify": Entry("stereo.rectify", "Rectify pairs of pictures: matches then share a row.", ("report", "json")),
+    "depth": Entry("stereo.depth", "Measure the depth of what two pictures show."),
     "point": Entry("stereo.point", "Find the spot that a pointer points at, seen by two uncalibrated cameras."),
     "study methods": Entry(
         "studies.methods",

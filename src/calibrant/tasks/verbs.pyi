@@ -227,6 +227,25 @@ def rectify(
     target: str | None = None,
     force: bool = False,
 ) -> CalibrationResult: ...
+def depth(
+    result: str | Path,
+    *,
+    left: str | Path,
+    right: str | Path,
+    cloud: str | Path | None = None,
+    maps: str | Path | None = None,
+    picture: str | Path | None = None,
+    near: str | None = None,
+    far: str | None = None,
+    confidence: float = 0.25,
+    cameras: str | None = None,
+    alpha: float = 0.0,
+    size: str | None = None,
+    focal: str | None = None,
+    projection: str = "pinhole",
+    principal: str = "equal",
+    force: bool = False,
+) -> CalibrationResult: ...
 def point(
     *,
     left: str | Path | None = None,

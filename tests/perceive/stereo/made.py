@@ -29,6 +29,18 @@ def made_eyes(*, seed: int = 0, scale: float = 1.0, T: Array = T_LEFT_RIGHT) -> 
     return Eyes(("left", "right"), (LEFT, RIGHT), np.stack([np.eye(4), T]), root @ root.T)
 
 
+def small_eyes(*, T: Array = T_LEFT_RIGHT) -> Eyes:
+    """The pair with pictures of half the size, exactly known: for what is rendered."""
+    cameras = []
+    for c in (LEFT, RIGHT):
+        half = {
+            n: 0.5 * v if n in ("fx", "fy") else 0.5 * (v + 0.5) - 0.5 if n in ("cx", "cy") else v
+            for n, v in c.parameters.items()
+        }
+        cameras.append(Camera.create("brown", half, image_size=(320, 240)))
+    return Eyes(("left", "right"), (cameras[0], cameras[1]), np.stack([np.eye(4), T]), np.zeros((24, 24)))
+
+
 def drawn_eyes(eyes: Eyes, rng: np.random.Generator) -> Eyes:
     """Eyes as a calibration might have found them whose truth is `eyes`."""
     delta = np.linalg.cholesky(eyes.covariance) @ rng.normal(size=len(eyes.covariance))

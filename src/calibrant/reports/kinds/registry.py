@@ -23,7 +23,7 @@ from calibrant.reports.kinds import (
     undistorted,
     vanishing,
 )
-from calibrant.reports.kinds.eyes import pointing, rectified
+from calibrant.reports.kinds.eyes import depth, pointing, rectified
 from calibrant.reports.parts.kind import Kind
 from calibrant.reports.parts.phrases import first_transform, placed
 
@@ -43,6 +43,7 @@ KINDS: Mapping[str, Kind] = {
     "vanishing": vanishing.KIND,
     "undistorted": undistorted.KIND,
     "rectified": rectified.KIND,
+    "depth": depth.KIND,
     "unchanged": unchanged.KIND,
     "observations": observations.KIND,
     "pointing": pointing.KIND,

@@ -29,6 +29,7 @@ FLOOR = {
     "optimize": 1,
     "cameras": 1,
     "targets": 1,
+    "patterns": 1,
     "robots": 1,
     "data": 2,
     "opencv": 2,

@@ -1,0 +1,1 @@
+"""What a projector shows: Gray code, phase shifts and their order; no image processing."""

@@ -64,9 +64,7 @@ def _words(capture: Capture, axis: str, change: tuple[int, ...]) -> str:
     return f"{names[0]} and {names[1]} have changed places: these are bits {change[1] + 1} and {change[0] + 1}"
 
 
-def _best(
-    changes: dict[tuple[int, ...], list[tuple[Bits, Mask]]], torn: dict[int, int]
-) -> tuple[int, ...] | None:
+def _best(changes: dict[tuple[int, ...], list[tuple[Bits, Mask]]], torn: dict[int, int]) -> tuple[int, ...] | None:
     """The change that mends the most tears, if it mends many."""
     best, most = None, 0.0
     for limit in TORN_PIXELS:

@@ -44,9 +44,7 @@ class Capture:
     def place(self, kind: str, axis: str = "", number: int = 0, period: float = 0.0) -> int:
         """Where a pattern stands."""
         wanted = (kind, axis, number, period)
-        return next(
-            k for k, p in enumerate(self.sequence.patterns) if (p.kind, p.axis, p.number, p.period) == wanted
-        )
+        return next(k for k, p in enumerate(self.sequence.patterns) if (p.kind, p.axis, p.number, p.period) == wanted)
 
     def pairs(self, axis: str) -> list[tuple[Grey, Grey]]:
         """The pictures of every bit and of its inverse, coarsest first; none for cosines alone."""
@@ -65,9 +63,7 @@ class Capture:
         return Capture(self.name, self.sequence, self.pictures[order], tuple(self.names[k] for k in order))
 
 
-def read_capture(
-    name: str, sequence: PatternSequence, files: tuple[str, ...], load: Callable[[str], Grey]
-) -> Capture:
+def read_capture(name: str, sequence: PatternSequence, files: tuple[str, ...], load: Callable[[str], Grey]) -> Capture:
     """The pictures of files. Raises: InputError for pictures of several sizes."""
     first = load(files[0])
     pictures = np.empty((len(files), *first.shape), dtype=np.uint8)

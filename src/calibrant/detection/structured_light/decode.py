@@ -37,13 +37,15 @@ STEP_VARIANCE = 1 / 12
 class Decoded:
     """pixels (h, w, 2): the projector's pixel, NaN where it is not known; sigma (h, w, 2); light of the capture.
 
-    edges: of the stripes along x and along y, where bits alone tell the pixels.
+    edges: of the stripes along x and along y, where bits alone tell the pixels. beyond: (x, y) shares of the clearly
+    lit pixels whose numbers the projector does not have.
     """
 
     pixels: Array
     sigma: Array
     light: Light
     edges: tuple[Edges, Edges] | None = None
+    beyond: tuple[float, float] = (0.0, 0.0)
 
     @property
     def known(self) -> Mask:
@@ -59,13 +61,14 @@ def decode(capture: Capture) -> Decoded:
     sigma = np.stack([s for _, s, _ in found], axis=-1)
     size = np.array(capture.sequence.projector_size)
     good = (light.reliability > LEAST_RELIABILITY) & (sigma < MOST_SIGMA).all(axis=-1)
+    beyond = [float((pixels[good][:, k] >= size[k]).mean()) if good.any() else 0.0 for k in range(2)]
     good &= (pixels > -1).all(axis=-1) & (pixels < size).all(axis=-1)
     pixels[~good] = np.nan
     edges = None
     if capture.sequence.code == "gray":
         x, y = (stripe_edges(capture.pairs(a), n, good, light) for a, (_, _, n) in zip("xy", found))
         edges = (x, y)
-    return Decoded(pixels, sigma, light, edges)
+    return Decoded(pixels, sigma, light, edges, (beyond[0], beyond[1]))
 
 
 def _along(capture: Capture, axis: str, light: Light) -> tuple[Array, Array, Array]:

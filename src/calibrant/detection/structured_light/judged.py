@@ -1,13 +1,13 @@
 """What a capture is asked where the board is: how much of it was decoded, and what spoils the light.
 
-    decoded     share of the board's pixels whose projector pixel is known
-    direct      light straight from the projector, of all of it: less where things light each other, or stripes blur
-    saturated   share of pixels that white light drives to the end of their range
-    bend        what a half-lit pixel is brighter than half, of the light: 0 where the camera answers in proportion;
-                for cosines the second harmonic over the first
-    alike       correlation of neighbouring pixels' noise: 0 for a sensor's own pixels, more where a picture was resampled
-    stripes     scatter of the stripes' widths over their mean, of one-pixel stripes: a projector that resamples its
-                picture (keystone, scaling) shows some twice and some not at all
+decoded     share of the board's pixels whose projector pixel is known
+direct      light straight from the projector, of all of it: less where things light each other, or stripes blur
+saturated   share of pixels that white light drives to the end of their range
+bend        what a half-lit pixel is brighter than half, of the light: 0 where the camera answers in proportion;
+            for cosines the second harmonic over the first
+alike       correlation of neighbouring pixels' noise: 0 for a sensor's own pixels, more where a picture was resampled
+stripes     scatter of the stripes' widths over their mean, of one-pixel stripes, with those that are missing: a
+            projector that resamples its picture (keystone, scaling) shows some twice and some not at all
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from calibrant.arrays import Array, Mask
 from calibrant.detection.structured_light.capture import Capture
 from calibrant.detection.structured_light.decode import Decoded
 from calibrant.detection.structured_light.edges import Edges
-from calibrant.detection.structured_light.light import cosine_sums
 from calibrant.opencv import cv2
 
 FULL = 254
@@ -52,8 +51,15 @@ def capture_figures(capture: Capture, decoded: Decoded, board: Mask) -> CaptureF
     whole = np.maximum(decoded.light.whole, 1.0)
     bright = board & (whole > 0.5 * float(np.quantile(whole[board], 0.9)))
     sigma = decoded.sigma[known] if known.any() else np.array([[np.inf, np.inf]])
-    edges = decoded.edges
-    widths = None if edges is None else [w for e in edges if (w := _widths(e, board)) is not None]
+    stripes = (
+        []
+        if decoded.edges is None
+        else [
+            float(np.hypot(w, np.sqrt(_skipped(decoded, axis, board))))
+            for axis, e in enumerate(decoded.edges)
+            if (w := _widths(e, board)) is not None
+        ]
+    )
     return CaptureFigures(
         decoded=float(known.sum() / board.sum()),
         direct=float(np.median((decoded.light.direct / whole)[bright])),
@@ -62,7 +68,7 @@ def capture_figures(capture: Capture, decoded: Decoded, board: Mask) -> CaptureF
         noise=float(np.median(decoded.light.sigma[board])),
         bend=_bend(capture, bright),
         alike=_alike(capture, bright),
-        stripes=max(widths) if widths else None,
+        stripes=max(stripes, default=None),
     )
 
 
@@ -132,5 +138,17 @@ def _widths(edges: Edges, board: Mask) -> float | None:
     mean = np.where(count >= ENOUGH_EDGES, total / np.maximum(count, 1), np.nan)
     if np.isfinite(mean).sum() < FEWEST_STRIPES or np.nanmedian(mean) < WIDE_PX:
         return None
-    around = np.array([np.nanmedian(mean[max(k - 8, 0) : k + 9]) if np.isfinite(mean[k]) else np.nan for k in range(len(mean))])
+    around = np.array(
+        [np.nanmedian(mean[max(k - 8, 0) : k + 9]) if np.isfinite(mean[k]) else np.nan for k in range(len(mean))]
+    )
     return float(np.nanstd(mean / around))
+
+
+def _skipped(decoded: Decoded, axis: int, board: Mask) -> float:
+    """Share of the steps between neighbours that pass over a stripe."""
+    number = np.where(board, np.rint(decoded.pixels[..., axis]), np.nan)
+    one, two = 0, 0
+    for along in (0, 1):
+        step = np.abs(np.diff(number, axis=along))
+        one, two = one + int(np.sum(step == 1)), two + int(np.sum(step == 2))
+    return two / max(one + two, 1)

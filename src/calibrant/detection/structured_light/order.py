@@ -110,7 +110,9 @@ def _doubled(files: Sequence[str], pictures: Grey | None) -> str:
     for k in np.flatnonzero(structured).tolist():
         for j in np.flatnonzero(structured).tolist():
             if j > k and float(np.quantile(np.abs(part[k] - part[j]), 0.95)) < SAME:
-                return f"{files[k]} and {files[j]} show the same pattern: one was taken twice, or two files were mixed up"
+                return (
+                    f"{files[k]} and {files[j]} show the same pattern: one was taken twice, or two files were mixed up"
+                )
     return ""
 
 

@@ -48,6 +48,8 @@ if TYPE_CHECKING:
     from calibrant.tasks.verbs import next_pose as next_pose
     from calibrant.tasks.verbs import point as point
     from calibrant.tasks.verbs import pose as pose
+    from calibrant.tasks.verbs import projector_calibrate as projector_calibrate
+    from calibrant.tasks.verbs import projector_patterns as projector_patterns
     from calibrant.tasks.verbs import rectify as rectify
     from calibrant.tasks.verbs import report as report
     from calibrant.tasks.verbs import stereo as stereo
@@ -101,6 +103,8 @@ _PUBLIC = {
     "parse_target": ("calibrant.targets.registry", "parse_target"),
     "point": ("calibrant.tasks.verbs", "point"),
     "pose": ("calibrant.tasks.verbs", "pose"),
+    "projector_calibrate": ("calibrant.tasks.verbs", "projector_calibrate"),
+    "projector_patterns": ("calibrant.tasks.verbs", "projector_patterns"),
     "read": ("calibrant.data.result_file", "read_result"),
     "read_poses": ("calibrant.tasks.inputs.pose_files", "read_poses"),
     "rectify": ("calibrant.tasks.verbs", "rectify"),

@@ -14,9 +14,13 @@ import calibrant as cb
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, RobotPoses, as_transform
 from calibrant.geometry import se3, so3
+from calibrant.patterns.sequence import PatternSequence
 from calibrant.simulate.cell import poses_csv
 from calibrant.simulate.manhattan import render_room, room
 from calibrant.simulate.noise import noisy_poses
+from calibrant.simulate.projector.pictures import Lighting, photographed
+from calibrant.simulate.projector.points import board_poses, example_pair
+from calibrant.simulate.projector.surfaces import Plane
 from calibrant.simulate.render import Look, render
 from calibrant.simulate.scenes import gripper_poses, look_at_board, standard_mounting
 from calibrant.targets.registry import parse_target
@@ -137,6 +141,20 @@ def _rectify(files: Files) -> Options:
     return {"result": _pair(files), "left": left, "right": right, "out": out, "force": True}
 
 
+def _projector_calibrate(files: Files) -> Options:
+    pair = example_pair(image_size=(480, 360), projector_size=(128, 96))
+    points = parse_target(TARGET).points
+    rng = np.random.default_rng(7)
+    sequence = PatternSequence((128, 96))
+    for k, T in enumerate(board_poses(pair, points, 4, rng, distance=(0.5, 0.8))):
+        board = Plane(T, half=(0.13, 0.115), squares=(7, 6, 0.03))
+        folder = files.folder / "captures" / f"pose{k}"
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, picture in zip(sequence.names, photographed(pair, board, sequence, rng, Lighting(samples=1))):
+            cv2.imwrite(str(folder / name), picture)
+    return {"captures": [files.folder / "captures"], "projector_size": "128x96", "target": TARGET}
+
+
 def _undistort(files: Files) -> Options:
     straight = files.folder / "straight"
     return {"images": [files.images / "00.png"], "camera": files.camera, "out": straight, "force": True}
@@ -172,6 +190,7 @@ CASES: Mapping[str, Callable[[Files], Options]] = {
     "point": _point,
     "rectify": _rectify,
     "depth": _depth,
+    "projector calibrate": _projector_calibrate,
     "undistort": _undistort,
     "verify unchanged": _verify_unchanged,
 }

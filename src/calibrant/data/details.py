@@ -10,6 +10,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from calibrant.data.details_projector import ProjectorCapture as ProjectorCapture
+from calibrant.data.details_projector import ProjectorCaptures as ProjectorCaptures
+from calibrant.data.details_projector import ScanSummary as ScanSummary
 from calibrant.data.details_stereo import EpipolarErrors as EpipolarErrors
 from calibrant.data.details_stereo import PairErrors as PairErrors
 from calibrant.data.details_stereo import StereoGeometry as StereoGeometry
@@ -393,5 +396,7 @@ DETAILS: Mapping[str, type] = {
     "epipolar": EpipolarErrors,
     "edges": TriangulatedEdges,
     "rectified_pair": RectifiedPair,
+    "projector_captures": ProjectorCaptures,
+    "scan": ScanSummary,
 }
 """The key of each record in a result file."""

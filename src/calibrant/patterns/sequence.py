@@ -3,8 +3,8 @@
     gray    the bits of column and row as Gray code, coarsest first, each followed by its inverse (Inokuchi, Sato and
             Matsuda 1984, "Range imaging system for 3-D object recognition"); white; black. OpenCV's GrayCodePattern
             has this order.
-    phase   cosines along x, then along y, of periods p, p r, p r^2 … up to more than the picture's side, coarsest first,
-            each shown at n shifts: I_k = (1 + cos(2 pi (x / p - k / n))) / 2; white; black
+    phase   cosines along x, then along y, of periods p, p r, p r^2 … up to more than the picture's side, coarsest
+            first, each shown at n shifts: I_k = (1 + cos(2 pi (x / p - k / n))) / 2; white; black
     both    the bits, the finest cosines, white, black
 
 Pixel i is at i, as in a picture: its stripe reaches from i - 1/2 to i + 1/2.

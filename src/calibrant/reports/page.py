@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib import resources
 
@@ -25,6 +26,12 @@ def render(page: Page) -> str:
 def render_answer(page: Page) -> str:
     """The head of a page alone, without scripts or a style of its own: a piece for a notebook."""
     return _environment().get_template("notebook.html.j2").render(page=page)
+
+
+def render_patterns(pictures: Sequence[Mapping[str, str]], size: tuple[int, int]) -> str:
+    """A page that shows pictures pixel by pixel, one a step. Args: words and url of each; size (width, height) px."""
+    template = _environment().get_template("patterns.html.j2")
+    return template.render(pictures=list(pictures), width=size[0], height=size[1])
 
 
 def drawn(block: Block) -> Markup:

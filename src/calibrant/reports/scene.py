@@ -111,17 +111,44 @@ def _boards_by_robot(drawn: Sequence[LoopView]) -> tuple[list[dict[str, Any]], d
 
 
 def _camera_scene(result: CalibrationResult, poses: Mapping[tuple[str, str], Array]) -> dict[str, Any]:
-    names = list(poses)[:: -(-len(poses) // _MOST_POSES)]
-    rays = _frustum(next(iter(result.cameras.values()), None))
-    boards = [{"T": _flat(poses[k]), "view": f"{k[0]}/{k[1]}", "label": k[1], "of": None} for k in names]
+    """Boards before the camera, or before each of several in the frame of the first one of their rig."""
+    places = _rig(result)
+    several = len(places) > 1
+    names = [k for k in poses if k[0] in places][:: -(-len(poses) // _MOST_POSES)]
+    boards = [
+        {
+            "T": _flat(places[k[0]] @ poses[k]),
+            "view": f"{k[0]}/{k[1]}",
+            "label": f"{k[0]}, {k[1]}" if several else k[1],
+            "of": None,
+        }
+        for k in names
+    ]
+    cameras = [
+        {
+            "label": name if several else "camera",
+            "T": _flat(T),
+            "view": None,
+            "rays": _frustum(result.cameras.get(name)),
+        }
+        for name, T in places.items()
+    ]
     return {
         "up": [0, -1, 0],
         "frames": [],
-        "cameras": [{"label": "camera", "T": _flat(np.eye(4)), "view": None, "rays": rays}],
+        "cameras": cameras,
         "outline": _outline(result),
         "boards": {"seen": boards, "robot": []},
-        "layers": {"camera": "Camera", "seen": "Target, one outline a view"},
+        "layers": {"camera": "Cameras" if several else "Camera", "seen": "Target, one outline a view"},
     }
+
+
+def _rig(result: CalibrationResult) -> dict[str, Array]:
+    """Where each camera stands to the first one that others are placed by; the first of those that nothing places."""
+    places = {t.parent: np.eye(4) for t in result.transforms[:1] if t.parent in result.cameras}
+    places = places or dict.fromkeys(list(result.cameras)[:1] or ["camera"], np.eye(4))
+    root = next(iter(places))
+    return places | {t.child: t.matrix for t in result.transforms if t.parent == root and t.child in result.cameras}
 
 
 def _outline(result: CalibrationResult) -> list[list[float]]:

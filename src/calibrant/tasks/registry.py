@@ -74,6 +74,8 @@ TASKS = {
     "next-pose": Entry("robots.next_pose", "Say which poses to take next, or from the start.", ("report", "json")),
     "time-offset": Entry("robots.time_offset", "Find the offset between camera's and robot's clocks."),
     "dynamic": Entry("robots.dynamic", "Locate a camera beside the robot through the wrist camera."),
+    "projector patterns": Entry("projector.patterns", "Write the patterns that a projector shows.", (), judged=False),
+    "projector calibrate": Entry("projector.calibrate", "Calibrate a projector from photos of what it shows."),
     "tool touch": Entry("robots.tool_touch", "The tip from poses in which it touches one point."),
     "tool seen": Entry("robots.tool_seen", "The tip from poses in which a camera that stands still sees it."),
     "tool self-visibility": Entry(
@@ -85,6 +87,7 @@ TASKS = {
 GROUPS = {
     "tool": "Find a tool's tip, by touch or by sight, or a hand camera from the gripper it sees.",
     "verify": "Show whether a calibration holds.",
+    "projector": "Calibrate a projector: the patterns it shows, and what a camera makes of them.",
     "study": "Experiments to learn from: what each method gives, and when it fails.",
 }
 """What each group of commands is about: the first word of those that have two."""

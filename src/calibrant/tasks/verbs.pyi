@@ -364,6 +364,33 @@ def dynamic(
     pose_angle: str = "auto",
     pose_direction: str = "auto",
 ) -> CalibrationResult: ...
+def projector_patterns(
+    *,
+    projector_size: str = "",
+    code: str = "gray",
+    period: str = "16px",
+    shifts: int = 8,
+    out: str | Path,
+    force: bool = False,
+) -> CalibrationResult: ...
+def projector_calibrate(
+    *,
+    captures: Words = (),
+    target: str | None = None,
+    projector_size: str = "",
+    code: str = "gray",
+    period: str = "16px",
+    shifts: int = 8,
+    camera: str | Path | None = None,
+    model: str = "brown",
+    fix: Words = (),
+    mirror_x: bool = False,
+    exclude: Words = (),
+    cache: str | None = None,
+    refine: str = "saddle",
+    window: str | None = None,
+    zero_zone: str | None = None,
+) -> CalibrationResult: ...
 def tool_touch(
     *,
     poses: Words,

@@ -17,7 +17,7 @@ from calibrant.calibrate.cell.fitted import fitted_cameras
 from calibrant.calibrate.cell.lens_choice import MODEL, lenses_asked
 from calibrant.calibrate.cell.rig import fit_rig
 from calibrant.calibrate.intrinsics.one_model import calibrate_keeping
-from calibrant.calibrate.projector.checks import projector_checks, untold_terms
+from calibrant.calibrate.projector.checks import least_told, projector_checks
 from calibrant.calibrate.projector.start import projector_start
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Observations, verdict_of
@@ -74,10 +74,11 @@ def calibrate_projector(
             together=tuple(initial),
         )
         lenses = fitted_cameras(fit.cell, fit.noise.solution)
-        more = {name: untold_terms(lenses[name]) for name in initial}
-        if not any(more.values()):
+        more = {name: term for name in initial if (term := least_told(lenses[name])) is not None}
+        if not more:
             break
-        left_out = {name: (*left_out[name], *more[name]) for name in initial}
+        # One at a time: without it the others may be told.
+        left_out |= {name: (*left_out[name], term) for name, term in more.items()}
     return _judged(fit, model, fix, left_out)
 
 

@@ -10,6 +10,8 @@ from calibrant.data import CalibrationResult, Check
 
 UNTOLD = 0.5
 """Of the prior's sigma: a quarter or more of what is known of a term this uncertain comes from the prior."""
+BESIDE = 2.0
+"""Sigmas from 0 at which a term is told all the same."""
 
 
 def projector_checks(result: CalibrationResult, left_out: Mapping[str, Sequence[str]]) -> tuple[Check, ...]:
@@ -18,14 +20,15 @@ def projector_checks(result: CalibrationResult, left_out: Mapping[str, Sequence[
     return (*terms, _shift_check(result.cameras["projector"]))
 
 
-def untold_terms(camera: Camera) -> tuple[str, ...]:
-    """Terms of distortion that the views tell less than what lenses can do."""
-    reach, out = corner_reach(camera), []
+def least_told(camera: Camera) -> str | None:
+    """The term of distortion that the views tell least, if that is less than a prior and a value beside 0 would be."""
+    reach = corner_reach(camera)
+    shares = {}
     for name, sigma in camera.sigma.items():
         prior = term_sigma(name, reach)
-        if prior is not None and sigma > UNTOLD * prior:
-            out.append(name)
-    return tuple(out)
+        if prior is not None and sigma > UNTOLD * prior and abs(camera.parameters[name]) < BESIDE * sigma:
+            shares[name] = sigma / prior
+    return max(shares, key=lambda n: shares[n], default=None)
 
 
 def _terms_check(name: str, left_out: Sequence[str]) -> Check:

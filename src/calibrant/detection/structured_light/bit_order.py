@@ -7,7 +7,7 @@ the change that mends most of the tears is the one that happened.
 
 from __future__ import annotations
 
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,8 @@ from calibrant.errors import InputError
 
 Bits = NDArray[np.bool_]
 """Bits (n, r, c) of rows of pixels, coarsest first; columns are neighbours."""
+Changes = dict[tuple[int, ...], list[tuple[Bits, Mask]]]
+"""What may have happened, by the bits it concerns: the bits without it."""
 
 CLEAR = 0.6
 """Of the light: where a bit differs by less, most of the light comes by way of other things."""
@@ -37,34 +39,28 @@ def check_bits(capture: Capture, axis: str, lit: Mask) -> None:
     """Raises: InputError naming pictures that changed places. Args: lit (h, w), where the projector's light falls."""
     parts = [p for p in _parts(capture, axis, lit) if p[1].any()]
     n = capture.sequence.bits(axis)
-    edges = [sum(int((b[k][:, 1:] != b[k][:, :-1])[_both(m)].sum()) for b, m in parts) for k in range(n)]
     torn = {limit: _tears(parts, limit) for limit in TORN_PIXELS}
-    turned = {(k,): [(_turned(b, k), m) for b, m in parts] for k in range(1, n)}
-    found = _best(turned, torn)
-    fewer = [k for k in range(n - 1) if edges[k + 1] < FEWER_EDGES * edges[k] and edges[k] > LEAST]
-    if found is None and not fewer:
+    turned: Changes = {(k,): [(_turned(b, k), m) for b, m in parts] for k in range(1, n)}
+    # Two bits that changed places have the finer one's many edges where few are expected.
+    edges = [sum(int((b[k][:, 1:] != b[k][:, :-1])[_both(m)].sum()) for b, m in parts) for k in range(n)]
+    fewer = any(fine < FEWER_EDGES * coarse for coarse, fine in pairwise(edges) if coarse > LEAST)
+    if not fewer and _best(turned, torn) is None:
         return
-    swapped = {(i, j): [(_swapped(b, i, j), m) for b, m in parts] for i, j in combinations(range(n), 2)}
-    better = _best(turned | swapped, torn)
-    if better is not None:
-        raise InputError(f"{capture.name}: {_words(capture, axis, better)}")
-    if fewer:
-        first = capture.place("bit", axis, fewer[0])
-        raise InputError(
-            f"{capture.name}: {capture.names[first]} has more edges of stripes than {capture.names[first + 2]}, which "
-            "is finer: they are out of order, or the camera does not resolve the stripes"
-        )
+    swapped: Changes = {(i, j): [(_swapped(b, i, j), m) for b, m in parts] for i, j in combinations(range(n), 2)}
+    happened = _best(turned | swapped, torn)
+    if happened is not None:
+        raise InputError(f"{capture.name}: {_words(capture, axis, happened)}")
 
 
 def _words(capture: Capture, axis: str, change: tuple[int, ...]) -> str:
     places = [capture.place("bit", axis, k) for k in change]
-    names = [f"{capture.names[k]}, {capture.names[k + 1]}" for k in places]
+    names = [f"{capture.called(k)}, {capture.called(k + 1)}" for k in places]
     if len(names) == 1:
         return f"{names[0].replace(',', ' and')} have changed places: the inverse came first"
     return f"{names[0]} and {names[1]} have changed places: these are bits {change[1] + 1} and {change[0] + 1}"
 
 
-def _best(changes: dict[tuple[int, ...], list[tuple[Bits, Mask]]], torn: dict[int, int]) -> tuple[int, ...] | None:
+def _best(changes: Changes, torn: dict[int, int]) -> tuple[int, ...] | None:
     """The change that mends the most tears, if it mends many."""
     best, most = None, 0.0
     for limit in TORN_PIXELS:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import PurePath
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +14,8 @@ from calibrant.errors import InputError
 from calibrant.patterns.sequence import BIT, BLACK, INVERSE, SHIFT, WHITE, PatternSequence
 
 Grey = NDArray[np.uint8]
+Picture = NDArray[Any]
+"""Numbers of a picture's size, of any type: single precision saves half of the memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,13 +62,17 @@ class Capture:
         first = self.place(SHIFT, axis, 0, period)
         return self.pictures[first : first + self.sequence.shifts]
 
+    def called(self, k: int) -> str:
+        """File name of a picture, for messages."""
+        return PurePath(self.names[k]).name
+
     def reordered(self, order: NDArray[np.int64]) -> Capture:
         """The same with picture order[k] in place k."""
         return Capture(self.name, self.sequence, self.pictures[order], tuple(self.names[k] for k in order))
 
 
-def read_capture(name: str, sequence: PatternSequence, files: tuple[str, ...], load: Callable[[str], Grey]) -> Capture:
-    """The pictures of files. Raises: InputError for pictures of several sizes."""
+def read_pictures(files: Sequence[str], load: Callable[[str], Grey]) -> Grey:
+    """The pictures (n, h, w) of files. Raises: InputError for pictures of several sizes."""
     first = load(files[0])
     pictures = np.empty((len(files), *first.shape), dtype=np.uint8)
     for k, file in enumerate(files):
@@ -73,4 +81,4 @@ def read_capture(name: str, sequence: PatternSequence, files: tuple[str, ...], l
             (h, w), (h0, w0) = one.shape, first.shape
             raise InputError(f"{file} is {w} × {h} px, {files[0]} {w0} × {h0} px: one camera takes one size")
         pictures[k] = one
-    return Capture(name, sequence, pictures, files)
+    return pictures

@@ -74,7 +74,7 @@ def local_map(decoded: Decoded, at: Array, reach: float) -> LocalMap | None:
     x1, y1 = int(min(np.ceil(at[0] + reach) + 1, width)), int(min(np.ceil(at[1] + reach) + 1, height))
     if x1 - x0 < 3 or y1 - y0 < 3:
         return None
-    rows, pixels = [], LEAST_PIXELS
+    rows = []
     for axis in range(2):
         fitted = None
         for places, q, sigma in _told(decoded, axis, (x0, y0, x1, y1)):

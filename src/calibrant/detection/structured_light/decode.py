@@ -1,11 +1,11 @@
 """Which projector pixel lights a camera's pixel, with its sigma: by the bits, by the cosines, or by both.
 
-Gray code: bit k is d_k = I_k - I'_k > 0, wrong with the chance P_k = Q(|d_k| / (sqrt(2) sigma)). A wrong bit moves the
-number by D_k, one pixel next to a stripe's edge and many elsewhere, so that
+Gray code: bit k is d_k = I_k - I'_k > 0, wrong with the chance P_k = Q(|d_k| / (sqrt(2) sigma)). A wrong bit moves
+the number by D_k, one pixel next to a stripe's edge and many elsewhere, so that
 
     q = n + sum P_k D_k,    sigma_q^2 = 1/12 + sum P_k (1 - P_k) D_k^2,
 
-1/12 of a stripe one pixel wide. Cosines: phi = atan2(sum I_k sin, sum I_k cos) of amplitude B tells q within its period,
+1/12 of a stripe one pixel wide. Cosines: phi = atan2(sum I_k sin, sum I_k cos) of amplitude B tells q within a period,
 
     sigma_q = p / (2 pi) sqrt(2 / n) sigma / B,
 
@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import erfc
 
-from calibrant.arrays import Array, Mask
-from calibrant.detection.structured_light.capture import Capture
+from calibrant.arrays import Mask
+from calibrant.detection.structured_light.capture import Capture, Picture
 from calibrant.detection.structured_light.edges import Edges, stripe_edges
 from calibrant.detection.structured_light.light import Light, cosine_sums, light_of
 
@@ -30,6 +30,8 @@ MOST_SIGMA = 1.0
 """Pixels: a number that is less certain names no pixel."""
 APART = 5.0
 """Sigmas by which the coarser phase must tell periods apart: once in two million it does not."""
+RIM = 1.5
+"""Pixels at the picture's edge: beyond it there is no light, and blur moves what is found inwards."""
 STEP_VARIANCE = 1 / 12
 
 
@@ -41,8 +43,8 @@ class Decoded:
     lit pixels whose numbers the projector does not have.
     """
 
-    pixels: Array
-    sigma: Array
+    pixels: Picture
+    sigma: Picture
     light: Light
     edges: tuple[Edges, Edges] | None = None
     beyond: tuple[float, float] = (0.0, 0.0)
@@ -62,7 +64,7 @@ def decode(capture: Capture) -> Decoded:
     size = np.array(capture.sequence.projector_size)
     good = (light.reliability > LEAST_RELIABILITY) & (sigma < MOST_SIGMA).all(axis=-1)
     beyond = [float((pixels[good][:, k] >= size[k]).mean()) if good.any() else 0.0 for k in range(2)]
-    good &= (pixels > -1).all(axis=-1) & (pixels < size).all(axis=-1)
+    good &= (pixels >= RIM).all(axis=-1) & (pixels <= size - 1 - RIM).all(axis=-1)
     pixels[~good] = np.nan
     edges = None
     if capture.sequence.code == "gray":
@@ -71,7 +73,7 @@ def decode(capture: Capture) -> Decoded:
     return Decoded(pixels, sigma, light, edges, (beyond[0], beyond[1]))
 
 
-def _along(capture: Capture, axis: str, light: Light) -> tuple[Array, Array, Array]:
+def _along(capture: Capture, axis: str, light: Light) -> tuple[Picture, Picture, Picture]:
     """Pixel, sigma and whole number (h, w) along one axis."""
     sequence = capture.sequence
     periods = sequence.periods(axis)
@@ -90,7 +92,7 @@ def _along(capture: Capture, axis: str, light: Light) -> tuple[Array, Array, Arr
     return q, sigma, number
 
 
-def by_bits(pairs: list[tuple[Array, Array]], sigma: Array) -> tuple[Array, Array, Array]:
+def by_bits(pairs: list[tuple[Picture, Picture]], sigma: Picture) -> tuple[Picture, Picture, Picture]:
     """Pixel, sigma and whole number (h, w) of Gray code by each bit's picture and its inverse's, coarsest first."""
     n = len(pairs)
     number = np.zeros(sigma.shape, dtype=np.int32)
@@ -109,7 +111,7 @@ def by_bits(pairs: list[tuple[Array, Array]], sigma: Array) -> tuple[Array, Arra
     return q, np.sqrt(variance), number
 
 
-def by_cosine(shots: Array, period: float, sigma: Array) -> tuple[Array, Array]:
+def by_cosine(shots: Picture, period: float, sigma: Picture) -> tuple[Picture, Picture]:
     """Pixel in 0 … period and sigma (h, w) by n shifted pictures (n, h, w) of a cosine."""
     n = len(shots)
     _, c, s = cosine_sums(shots.astype(np.float32))

@@ -16,11 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import erfinv
 
-from calibrant.arrays import Array
+from calibrant.detection.structured_light.capture import Picture
 from calibrant.detection.structured_light.light import Light
 from calibrant.patterns.sequence import gray_code
 
-Pairs = list[tuple[Array, Array]]
+Pairs = list[tuple[Picture, Picture]]
 MOST_PART = 0.95
 """Of the direct light: beyond, noise decides how far away the edge seems."""
 SHIFTS = {"right": (0, 1), "down": (1, 0)}
@@ -31,11 +31,11 @@ class Edges:
     """Of one axis, by direction of the neighbour: t (h, w) from each pixel, NaN where no stripe ends, its sigma, and
     the projector's pixel n + 1/2 there."""
 
-    t: dict[str, Array]
-    sigma: dict[str, Array]
-    pixel: dict[str, Array]
+    t: dict[str, Picture]
+    sigma: dict[str, Picture]
+    pixel: dict[str, Picture]
 
-    def around(self, x0: int, y0: int, x1: int, y1: int) -> tuple[Array, Array, Array]:
+    def around(self, x0: int, y0: int, x1: int, y1: int) -> tuple[Picture, Picture, Picture]:
         """Places (n, 2), projector pixels (n,) and sigmas (n,), camera px, of the edges within a window."""
         places, pixels, sigmas = [], [], []
         for name, (down, right) in SHIFTS.items():
@@ -48,7 +48,7 @@ class Edges:
         return tuple(np.concatenate(p).astype(np.float64) for p in (places, pixels, sigmas))  # type: ignore[return-value]
 
 
-def stripe_edges(pairs: Pairs, number: Array, known: Array, light: Light) -> Edges:
+def stripe_edges(pairs: Pairs, number: Picture, known: Picture, light: Light) -> Edges:
     """The edges of all stripes. Args: pictures of bits and inverses, coarsest first; decoded numbers (h, w), whole."""
     t, sigma, pixel = {}, {}, {}
     for name, (down, right) in SHIFTS.items():
@@ -57,8 +57,8 @@ def stripe_edges(pairs: Pairs, number: Array, known: Array, light: Light) -> Edg
 
 
 def _between(
-    pairs: Pairs, number: Array, known: Array, light: Light, *, down: int, right: int
-) -> tuple[Array, Array, Array]:
+    pairs: Pairs, number: Picture, known: Picture, light: Light, *, down: int, right: int
+) -> tuple[Picture, Picture, Picture]:
     h, w = number.shape
     a, b = np.s_[: h - down, : w - right], np.s_[down:, right:]
     beside = known[a] & known[b] & (np.abs(number[a] - number[b]) == 1)

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibrant.arrays import Array, Mask
-from calibrant.detection.structured_light.capture import Capture
+from calibrant.arrays import Mask
+from calibrant.detection.structured_light.capture import Capture, Picture
 from calibrant.detection.structured_light.decode import Decoded
 from calibrant.detection.structured_light.edges import Edges
 from calibrant.opencv import cv2
@@ -72,7 +72,7 @@ def capture_figures(capture: Capture, decoded: Decoded, board: Mask) -> CaptureF
     )
 
 
-def board_mask(uv: Array, shape: tuple[int, int]) -> Mask:
+def board_mask(uv: Picture, shape: tuple[int, int]) -> Mask:
     """The hull of a board's corners (n, 2) in a picture (h, w)."""
     out = np.zeros(shape, dtype=np.uint8)
     hull = cv2.convexHull(np.rint(uv).astype(np.int32))

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibrant.arrays import Array
-from calibrant.detection.structured_light.capture import Capture
+from calibrant.detection.structured_light.capture import Capture, Picture
 
 CLASSES = 24
 """Of brightness: each ten grey levels wide."""
@@ -29,12 +28,12 @@ class Light:
     """sigma (h, w): noise in grey levels; direct (h, w): light straight from the projector, grey levels between a dark
     and a lit stripe; whole (h, w): white less black; spread (h, w): scatter of I + I' over the bits beyond noise."""
 
-    sigma: Array
-    direct: Array
-    whole: Array
+    sigma: Picture
+    direct: Picture
+    whole: Picture
 
     @property
-    def reliability(self) -> Array:
+    def reliability(self) -> Picture:
         """Direct light over the noise of a difference, (h, w)."""
         return np.asarray(self.direct / (np.sqrt(2) * self.sigma))
 
@@ -48,7 +47,7 @@ def light_of(capture: Capture) -> Light:
     return Light(sigma, _direct(capture), white - black)
 
 
-def _by_pairs(pairs: list[tuple[Array, Array]]) -> tuple[Array, Array]:
+def _by_pairs(pairs: list[tuple[Picture, Picture]]) -> tuple[Picture, Picture]:
     """Mean grey level, and variance of one picture, (h, w)."""
     total = np.zeros(pairs[0][0].shape, dtype=np.float32)
     squares = np.zeros_like(total)
@@ -60,7 +59,7 @@ def _by_pairs(pairs: list[tuple[Array, Array]]) -> tuple[Array, Array]:
     return total / (2 * n), np.maximum(squares - total * total / n, 0) / (2 * (n - 1))
 
 
-def _by_shifts(capture: Capture) -> tuple[Array, Array]:
+def _by_shifts(capture: Capture) -> tuple[Picture, Picture]:
     """The same by what is left of the finest cosines; three shifts leave nothing, and rounding is assumed."""
     axis = "x"
     shots = capture.shifted(axis, capture.sequence.periods(axis)[-1]).astype(np.float32)
@@ -75,7 +74,7 @@ def _by_shifts(capture: Capture) -> tuple[Array, Array]:
     return mean, left / (n - 3)
 
 
-def cosine_sums(shots: Array) -> tuple[Array, Array, Array]:
+def cosine_sums(shots: Picture) -> tuple[Picture, Picture, Picture]:
     """Mean, sum I_k cos and sum I_k sin (h, w) of n shifted cosines (n, h, w)."""
     turn = 2 * np.pi * np.arange(len(shots)) / len(shots)
     c = np.tensordot(np.cos(turn).astype(np.float32), shots, axes=1)
@@ -83,7 +82,7 @@ def cosine_sums(shots: Array) -> tuple[Array, Array, Array]:
     return shots.mean(axis=0), c, s
 
 
-def _noise(mean: Array, variance: Array) -> Array:
+def _noise(mean: Picture, variance: Picture) -> Picture:
     """sigma (h, w) with sigma^2 = a + b mean fitted to the medians of classes of brightness."""
     classes = np.minimum((mean / (256 / CLASSES)).astype(np.int64), CLASSES - 1).ravel()
     count = np.bincount(classes, minlength=CLASSES)
@@ -106,7 +105,7 @@ LOWER_NINE = 0.83
 """Mean of the lower nine tenths of chi^2 with twenty degrees of freedom, over the mean of all."""
 
 
-def _direct(capture: Capture) -> Array:
+def _direct(capture: Capture) -> Picture:
     """The median difference of bit and inverse over the fine bits, or twice the finest cosines' amplitude."""
     sequence = capture.sequence
     found = []

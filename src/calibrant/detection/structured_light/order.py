@@ -14,9 +14,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibrant.arrays import Array, Mask
+from calibrant.arrays import Mask
 from calibrant.detection.structured_light.bit_order import check_bits
-from calibrant.detection.structured_light.capture import Capture, Grey
+from calibrant.detection.structured_light.capture import Capture, Grey, Picture
 from calibrant.detection.structured_light.light import cosine_sums
 from calibrant.errors import InputError
 from calibrant.patterns.sequence import BLACK, WHITE, PatternSequence, sizes_of_count
@@ -59,10 +59,10 @@ def check_order(capture: Capture) -> Capture:
     lit = _light(capture.pictures)[2]
     if not lit.any():
         raise InputError(
-            f"{capture.name}: {capture.names[capture.place(WHITE)]} is hardly brighter than "
-            f"{capture.names[capture.place(BLACK)]}: the projector's light does not reach what the camera sees"
+            f"{capture.name}: {capture.called(capture.place(WHITE))} is hardly brighter than "
+            f"{capture.called(capture.place(BLACK))}: the projector's light does not reach what the camera sees"
         )
-    same = _doubled(capture.names, capture.pictures)
+    same = _doubled([capture.called(k) for k in range(len(capture.names))], capture.pictures)
     if same:
         raise InputError(f"{capture.name}: {same}")
     _check_cosines(capture, lit)
@@ -128,11 +128,11 @@ def _first_broken(files: Sequence[str], pictures: Grey | None, sequence: Pattern
     return ""
 
 
-def _levels(pictures: Grey) -> Array:
+def _levels(pictures: Grey) -> Picture:
     return np.array([float(p[::3, ::3].mean()) for p in pictures])
 
 
-def _light(pictures: Grey) -> tuple[Array, Array, Mask]:
+def _light(pictures: Grey) -> tuple[Picture, Picture, Mask]:
     """The projector's light (h, w), what is there without it, and where it falls, by all pictures."""
     level = _levels(pictures)
     black = pictures[int(np.argmin(level))].astype(np.float32)
@@ -151,13 +151,13 @@ def _white_and_black(capture: Capture) -> Capture:
             rest = [k for k in range(n) if k not in (white, black)]
             return capture.reordered(np.array([*rest, white, black], dtype=np.int64))
     raise InputError(
-        f"{capture.name}: the brightest picture is {capture.names[int(np.argmax(level))]} and the darkest "
-        f"{capture.names[int(np.argmin(level))]}; white and black are expected last, or first: the pictures are out of "
-        "order, or one of the two is missing"
+        f"{capture.name}: the brightest picture is {capture.called(int(np.argmax(level)))} and the darkest "
+        f"{capture.called(int(np.argmin(level)))}; white and black are expected last, or first: the pictures are out "
+        "of order, or one of the two is missing"
     )
 
 
-def _miss(one: Array, other: Array, white: Array, black: Array, lit: Mask) -> float:
+def _miss(one: Picture, other: Picture, white: Picture, black: Picture, lit: Mask) -> float:
     """How far a pair's sum is from white + black, of the light, where it is farthest but for a quarter."""
     light = (white - black)[lit]
     off = np.abs(one.astype(np.float32)[lit] + other[lit] - white[lit] - black[lit]) / light
@@ -178,10 +178,10 @@ def _check_pairs(capture: Capture, lit: Mask) -> None:
             for j in range(bits)
         ]
         best = int(np.argmin(misses))
-        hint = f"; its inverse is {capture.names[best]}" if misses[best] <= NO_PAIR else "; no picture is"
+        hint = f"; its inverse is {capture.called(best)}" if misses[best] <= NO_PAIR else "; no picture is"
         raise InputError(
-            f"{capture.name}: {capture.names[k + 1]} is not the inverse of {capture.names[k]}{hint}. The pictures are "
-            "out of order, one is missing or doubled, or something moved while they were taken"
+            f"{capture.name}: {capture.called(k + 1)} is not the inverse of {capture.called(k)}{hint}. The pictures "
+            "are out of order, one is missing or doubled, or something moved while they were taken"
         )
 
 
@@ -201,7 +201,7 @@ def _check_cosines(capture: Capture, lit: Mask) -> None:
             if float(np.median(part)) > NO_COSINE:
                 first = capture.place("shift", axis, 0, period)
                 raise InputError(
-                    f"{capture.name}: {capture.names[first]} to {capture.names[first + n - 1]} are no shifted cosine of "
-                    f"period {period:g} px: they are out of order, one is doubled, or the sequence was made with another "
-                    "--period or --shifts"
+                    f"{capture.name}: {capture.called(first)} to {capture.called(first + n - 1)} are no shifted cosine "
+                    f"of period {period:g} px: they are out of order, one is doubled, or the sequence was made with "
+                    "another --period or --shifts"
                 )

@@ -23,7 +23,7 @@ from calibrant.reports.kinds import (
     undistorted,
     vanishing,
 )
-from calibrant.reports.kinds.eyes import depth, pointing, rectified
+from calibrant.reports.kinds.eyes import depth, pointing, projector, rectified
 from calibrant.reports.parts.kind import Kind
 from calibrant.reports.parts.phrases import first_transform, placed
 
@@ -47,6 +47,7 @@ KINDS: Mapping[str, Kind] = {
     "unchanged": unchanged.KIND,
     "observations": observations.KIND,
     "pointing": pointing.KIND,
+    "projector": projector.KIND,
 }
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.arrays import Array
+from calibrant.arrays import Array, Mask
 from calibrant.geometry import se3
 from calibrant.opencv import cv2
 from calibrant.patterns.sequence import Pattern, PatternSequence
@@ -88,9 +88,8 @@ def lit_by(pair: ProjectorPair, surface: Surface, lighting: Lighting) -> Lit:
     light = np.where(there, seen.albedo / 0.8 * cosine * (lighting.distance_m / d) ** 2, 0.0)
     q = pair.projector.project(se3.apply(se3.inverse(pair.T_camera_projector), p))
     pw, ph = pair.projector.image_size
-    inside = np.isfinite(q).all(axis=1) & (np.abs(q - (np.array([pw, ph]) - 1) / 2) <= np.array([pw, ph]) / 2).all(
-        axis=1
-    )
+    far = np.abs(q - (np.array([pw, ph]) - 1) / 2) - np.array([pw, ph]) / 2
+    inside: Mask = np.asarray(np.isfinite(q).all(axis=1) & (far <= 0).all(axis=1))
     q = np.where(inside[:, None], q, 0.0)
     return Lit(q, light * lighting.white, (direct & inside).astype(np.float64), (w, h))
 

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from calibrant.arrays import Array
+from calibrant.arrays import Array, Mask
 from calibrant.geometry import se3
 
 FAR = np.inf
@@ -69,9 +69,9 @@ class Plane:
         n, m, side = self.squares
         return (n - 1) * side / 2, (m - 1) * side / 2
 
-    def _inside(self, p: Array) -> Array:
+    def _inside(self, p: Array) -> Mask:
         x, y = self._middle()
-        return (np.abs(p[:, 0] - x) <= self.half[0]) & (np.abs(p[:, 1] - y) <= self.half[1])
+        return np.asarray((np.abs(p[:, 0] - x) <= self.half[0]) & (np.abs(p[:, 1] - y) <= self.half[1]))
 
     def _bend(self, x: Array) -> tuple[Array, Array]:
         """Height and its slope, a parabola over the half length."""

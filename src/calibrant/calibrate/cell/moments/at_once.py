@@ -166,7 +166,8 @@ def seen_at_once(
     if not any(p.handheld for p in where.pictures):
         return tuple(out), own, ()
     for pair in tree(sightings(where, data), where.root):
-        if len(pair) < LEAST:
+        # Lenses that are found in the whole alone put no board anywhere before it.
+        if len(pair) < LEAST or any(own[n].weak is not None for n in (pair.a, pair.b) if n in own):
             continue
         found = pair_poses(pair, out, own, times)
         D = robust_mean(found.D)

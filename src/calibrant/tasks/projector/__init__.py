@@ -1,0 +1,1 @@
+"""Tasks about projectors: what they show, how they are calibrated, what they measure."""

@@ -67,6 +67,7 @@ from calibrant.data.details import (
     ViewMotion,
     ViewPlan,
 )
+from calibrant.data.details_projector import ProjectorCapture, ProjectorCaptures, ScanSummary
 from calibrant.data.result_file import read_observations, read_result, write_observations, write_result
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
@@ -89,6 +90,15 @@ def details() -> tuple[object, ...]:
             "a", (CameraClock("b", 0.1 + 0.2, 1 / 3), CameraClock("c", readout_ms=30.0, readout_sigma_ms=0.1))
         ),
         SharedErrors(2.0, 1.5, 1 / 3, 1.0, {"fx": 0.1 + 0.2}),
+        ProjectorCaptures(
+            "gray",
+            42,
+            (
+                ProjectorCapture("0", 63, 60, 0.5, 1 / 3, 0.0, 0.29, 1.5, -0.01, 0.1, None, 0.2),
+                ProjectorCapture("1", 63, 0, 0.1, 0.2, 0.0, 1.0, 1.5, 0.0),
+            ),
+        ),
+        ScanSummary(10, 12, (500.0, 600.1, 1 / 3), (0.1, 0.2, 0.3), 1.1, "cloud.ply"),
         RollingShutter(
             480,
             1 / 3,

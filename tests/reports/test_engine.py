@@ -56,8 +56,10 @@ def made_kinds() -> set[str]:
     found = set()
     for file in PACKAGE.rglob("*.py"):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "CalibrationResult":
-                given = [*node.args[:1], *(k.value for k in node.keywords if k.arg == "kind")]
+            name = getattr(node.func, "id", "") if isinstance(node, ast.Call) else ""
+            if isinstance(node, ast.Call) and name in ("CalibrationResult", "replace"):
+                first = node.args[:1] if name == "CalibrationResult" else []
+                given = [*first, *(k.value for k in node.keywords if k.arg == "kind")]
                 given += [n for a in given if isinstance(a, ast.IfExp) for n in (a.body, a.orelse)]
                 found |= {a.value for a in given if isinstance(a, ast.Constant)}
     return found

@@ -10,9 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from calibrant.data.details_projector import ProjectorCapture as ProjectorCapture
-from calibrant.data.details_projector import ProjectorCaptures as ProjectorCaptures
-from calibrant.data.details_projector import ScanSummary as ScanSummary
+from calibrant.data.details_projector import ProjectorCaptures, ScanSummary
 from calibrant.data.details_stereo import EpipolarErrors as EpipolarErrors
 from calibrant.data.details_stereo import PairErrors as PairErrors
 from calibrant.data.details_stereo import StereoGeometry as StereoGeometry

@@ -119,6 +119,14 @@ def test_coverage_says_what_is_missing(pages: dict[str, str]) -> None:
     assert "distortion is extrapolated" not in pages["eye-to-hand"]  # there the camera was given
 
 
+def test_beside_the_map_stands_what_the_result_says_of_that_camera(intrinsics_result: CalibrationResult) -> None:
+    """Of several cameras each has its own check, and that one may hold what the general one warns of."""
+    others = tuple(c for c in intrinsics_result.checks if c.name != "residual-structure")
+    own = Check("residual-structure-camera", "ok", "neighbouring points err alike, and every sigma holds it")
+    page = report_page(replace(intrinsics_result, checks=(*others, own)))
+    assert own.message in page.split(">Coverage<")[1].split(">Options and inputs<")[0]
+
+
 def test_views_carry_residuals_and_reasons(pages: dict[str, str], intrinsics_result: CalibrationResult) -> None:
     views = {view["id"]: view for view in _data(pages["intrinsics"])["views"]}
     assert len(views) == 14

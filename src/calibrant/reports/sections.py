@@ -140,10 +140,12 @@ def _transform_block(estimate: TransformEstimate) -> dict[str, Any]:
 
 
 def _remarks(result: CalibrationResult, views: CameraCoverage) -> list[Check]:
-    """The checks beside the map, the result's own where it has them; of a given camera, those on residuals only."""
+    """The checks beside the map, the result's own where it has them; of a given camera, those on residuals only.
+
+    Of several cameras each has checks of its own, named after it: residual-structure-left."""
     own = {check.name: check for check in result.checks}
     wanted = [c for c in views.checks if result.is_about_cameras or c.name == "residual-structure"]
-    return [own.get(check.name, check) for check in wanted]
+    return [own.get(f"{c.name}-{views.camera}", own.get(c.name, c)) for c in wanted]
 
 
 def _coverage_block(views: CameraCoverage, remarks: list[Check]) -> dict[str, Any]:

@@ -166,6 +166,16 @@ def influence(
     slots. Args: onto (p, k), by which phi^T is multiplied from the left.
     Raises: InputError for an unknown that is held or was eliminated, or that the factor's slots have no tie to.
     """
+    return _influence(solution, factor, *_columns(solution, name, index), onto)
+
+
+def influence_on_all(solution: Solution, factor: str) -> Array:
+    """phi (N, d, s) of every residual block of a factor on all shared unknowns, free tangents, whitened."""
+    s = len(solution.shared_covariance)
+    return _influence(solution, factor, np.arange(s), np.eye(s), None)[0]
+
+
+def _influence(solution: Solution, factor: str, mine: Indices, B: Array, onto: Array | None) -> tuple[Array, Array]:
     problem = solution.problem
     k = problem.factor_index(factor)
     f, values = problem.factors[k], problem.gather(k, solution.values)
@@ -174,7 +184,7 @@ def influence(
         weight = weight * np.sqrt(solution.weights(factor))
     across: list[Array | None] = []
     for slot, instances in zip(f.variables, f.indices):
-        C = _across(solution, name, index, slot)
+        C = _across(solution, mine, B, slot)
         if C is not None:
             C = C[instances] if len(C) > 1 else C
             C = C if onto is None else onto @ C
@@ -195,13 +205,13 @@ def _columns(solution: Solution, name: str, index: int) -> tuple[Indices, Array]
     return columns, np.eye(p.dim) if basis is None else basis[min(index, len(basis) - 1)]
 
 
-def _across(solution: Solution, name: str, index: int, slot: str) -> Array | None:
-    """Covariance (count, k, k_slot) of the unknown with every instance of a slot's variable; None for held ones."""
+def _across(solution: Solution, mine: Indices, B: Array, slot: str) -> Array | None:
+    """Covariance (count, k, k_slot) of an unknown, by its columns and its basis B, with every instance of a slot's
+    variable; None for held ones."""
     i = solution.problem.variable_index(slot)
     variable, p = solution.problem.variables[i], solution.problem.structure.placements[i]
     if p is None:
         return None
-    mine, B = _columns(solution, name, index)
     columns = p.offset[:, None] + np.arange(p.dim)
     out = np.empty((variable.count, len(mine), p.dim))
     for batch in np.unique(p.batch).tolist():

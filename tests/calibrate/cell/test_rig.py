@@ -178,8 +178,8 @@ def test_handheld_pictures_say_what_they_go_with() -> None:
     poses = cb.RobotPoses.from_matrices(np.stack([np.eye(4)] * 4))
     with pytest.raises(InputError, match="two cameras or more"):
         cb.calibrate_cell({}, [left])
-    with pytest.raises(InputError, match="goes with no robots"):
-        cb.calibrate_cell(poses, [left, cb.Pictures("right", "eye-in-hand", scene.of_camera("right"))])
+    with pytest.raises(InputError, match="no pictures belong to robot 'robot'"):
+        cb.calibrate_cell(poses, [left, cb.Pictures("right", "handheld", scene.of_camera("right"))])
     with pytest.raises(InputError, match="takes views, and no robot"):
         cb.Pictures("left", "handheld", scene.of_camera("left"), robot="a")
     with pytest.raises(InputError, match="without a robot see a target that is handheld"):

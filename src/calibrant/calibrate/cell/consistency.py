@@ -12,7 +12,6 @@ import numpy as np
 
 from calibrant.arrays import Array, Mask
 from calibrant.calibrate.cell.fitted import pose_maps, pose_noise, pose_rows, prediction
-from calibrant.calibrate.cell.problem.groups import pixel_group
 from calibrant.calibrate.cell.problem.problem import Cell
 from calibrant.geometry import se3
 from calibrant.optimize.chances import CHI2_6_LIMIT, CHI2_6_MEDIAN
@@ -42,7 +41,7 @@ def loop_statistics(cell: Cell, solution: Solution, i: int) -> tuple[Array, Arra
         rotation, translation = (levels[g] for g in cell.measured_noise(p))
         C: Array = np.diag([rotation**2] * 3 + [translation**2] * 3)
     else:
-        C = data.covariance[use] * levels[pixel_group(p.camera)] ** 2
+        C = data.covariance[use] * (cell.pixel_ratios[p.camera] * levels[cell.pixel_group(p.camera)]) ** 2
     at = pose_rows(cell, i, use)
     for robot, M in pose_maps(cell, solution.value, i, use).items():
         C = C + M @ pose_noise(cell, solution, robot)[at[robot]] @ np.swapaxes(M, -1, -2)

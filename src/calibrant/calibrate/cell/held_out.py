@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from calibrant.arrays import Array, Mask
 from calibrant.calibrate.cell.checks import LoopDeviations
-from calibrant.calibrate.cell.fitted import Value, fitted_transforms, prediction
+from calibrant.calibrate.cell.fitted import Value, fitted_places, prediction
 from calibrant.calibrate.cell.problem.fit_without import PoseShares, pose_shares
 from calibrant.calibrate.cell.problem.groups import lens_variable
 from calibrant.calibrate.cell.problem.layout import poses_variable
@@ -107,9 +107,11 @@ class _Shares:
 
 
 def _shares(cell: Cell, fit: Solution) -> _Shares | None:
-    """None where other unknowns are eliminated with one robot's poses: several robots, free joints, other views."""
+    """None where other unknowns are eliminated with one robot's poses: several robots, free joints, other views,
+    handheld targets."""
     robots = [r for r in cell.layout.robots if cell.moments(r)]
-    if len(robots) != 1 or cell.free or any(role.extra for role in cell.roles.values()):
+    others = cell.layout.handheld or any(role.extra for role in cell.roles.values())
+    if len(robots) != 1 or cell.free or others:
         return None
     found = pose_shares(fit, poses_variable(robots[0]))
     return None if found is None else _Shares(cell.moments(robots[0]), found)
@@ -123,7 +125,7 @@ def _without(cell: Cell, fit: Solution, shares: _Shares | None, out: Sequence[Ma
         if end is not None and end[1] <= NEAR:
             return _by_name(fit.problem, end[0])
     rest = cell.kept([~o for o in out])
-    problem = cell_problem(rest, fitted_transforms(cell, fit), fit.sigmas)
+    problem = cell_problem(rest, fitted_places(cell, fit), fit.sigmas)
     return _by_name(problem, _end(problem, nearest_start(problem, fit)))
 
 

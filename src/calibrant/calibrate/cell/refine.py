@@ -55,11 +55,13 @@ def refined(cell: Cell, transforms: Mapping[Frame, Array], spread: tuple[float, 
 
 
 def _seen_again(cell: Cell, solution: Solution) -> Cell:
-    """The target poses of the used views found again by the cameras as refined; a rig's are asked for no more."""
+    """The target poses of the used views found again by the cameras as refined; those of handheld targets are asked for
+    no more."""
     if cell.layout.rig:
         return cell
     cameras = fitted_cameras(cell, solution)
-    data = [d.seen_by(cameras[p.camera]) if p.seen is not None and d.use.any() else d for _, p, d in cell.lists]
+    again = [p.seen is not None and not p.handheld and d.use.any() for _, p, d in cell.lists]
+    data = [d.seen_by(cameras[p.camera]) if more else d for more, (_, p, d) in zip(again, cell.lists)]
     return replace(cell, data=tuple(data))
 
 

@@ -23,7 +23,7 @@ from calibrant.calibrate.cell.held_out_chance import held_out_chance
 from calibrant.calibrate.cell.methods import methods_table
 from calibrant.calibrate.cell.noise_figures import noise_by_name, robot_parameters, sigma_px, sigma_robot
 from calibrant.calibrate.cell.problem.groups import geometry_variable, lens_variable, pictures_factor
-from calibrant.calibrate.cell.problem.layout import Frame, Layout, variable
+from calibrant.calibrate.cell.problem.layout import HANDHELD, Frame, Layout, variable
 from calibrant.calibrate.cell.problem.problem import Cell
 from calibrant.calibrate.cell.rig_checks import rig_checks, together
 from calibrant.calibrate.cell.sizes import Sizes
@@ -126,7 +126,10 @@ def _asked(cell: Cell, asked: Mapping[str, Any]) -> dict[str, Any]:
     pictures = cell.layout.pictures
     if cell.layout.rig:
         return {"reference": cell.layout.root, **asked}
-    setup = pictures[0].setup if len(pictures) == 1 else {p.camera: p.setup for p in pictures}
+    named = {p.camera: p.setup for p in pictures if p.handheld} | {
+        p.camera: p.setup for p in pictures if not p.handheld
+    }
+    setup = pictures[0].setup if len(pictures) == 1 else {c: named[c] for c in cell.layout.cameras}
     return {"setup": setup, **asked}
 
 
@@ -206,6 +209,9 @@ def _size_checks(cell: Cell, sizes: Sizes, loop: LoopDeviations) -> Iterable[Che
     targets = cell.layout.target_names
     at_size = next(iter(sizes.loops.values())).rms if len(cell.data) == 1 and sizes.loops else None
     for target in targets:
+        loose = all(p.handheld for p in cell.layout.pictures if p.target == target)
+        if loose and target not in sizes.targets:  # the cameras that see it stand by nothing that has a size
+            continue
         yield named(questions.scale_check(sizes.targets.get(target), at_size, loop), target if len(targets) > 1 else "")
 
 
@@ -324,9 +330,11 @@ def _observations(layout: Layout) -> Observations | None:
 
 
 def _as_moments(layout: Layout, robot: str, observations: Observations) -> Observations:
-    if len(layout.robots) <= 1:
+    """The views with moments that no other robot's poses, and no other hand's moments, are called by."""
+    if layout.rig or (len(layout.robots) == 1 and robot):
         return observations
-    return replace(observations, views=tuple(replace(v, moment=f"{robot}/{v.moment}") for v in observations.views))
+    by = robot or HANDHELD
+    return replace(observations, views=tuple(replace(v, moment=f"{by}/{v.moment}") for v in observations.views))
 
 
 def _poses(cell: Cell, solution: Solution) -> RobotPoses | None:

@@ -17,11 +17,11 @@ from calibrant.optimize.noise import NoiseEstimate
 
 
 def _sigma_together(cell: Cell, noise: NoiseEstimate, camera: str) -> float:
-    """Pixel noise that a camera shows in the fit of all: its level, or in a rig, whose cameras share one, what its own
-    residuals are over what they should be."""
+    """Pixel noise that a camera shows in the fit of all: its level, or where cameras share one, what its own residuals
+    are over what they should be."""
     level, solution = cell.pixel_level(noise.levels, camera), noise.solution
     group = cell.pixel_group(camera)
-    if not cell.layout.rig:
+    if not (cell.layout.rig or cell.alike(camera)):
         return level.sigma
     squares, count = 0.0, 0
     for i, p, d in cell.lists:
@@ -39,11 +39,13 @@ def together(cell: Cell, noise: NoiseEstimate, camera: str) -> Check:
 
 
 def rig_checks(cell: Cell, start: CellStart, noise: NoiseEstimate) -> tuple[Check, ...]:
-    """What a rig alone is asked: is it tied, does it hold still, what do its clocks say? Nothing of other cells."""
-    if not cell.layout.rig:
+    """What cameras are asked that handheld targets tie: do they share moments enough, do they hold still to each other,
+    what do their clocks say?"""
+    tied = cell.roles if cell.layout.rig else [c for group in cell.layout.by_hand if len(group) > 1 for c in group]
+    if not tied:
         return ()
-    levels = [cell.pixel_level(noise.levels, c) for c in cell.roles]
-    own = pooled([replace(level, sigma=cell.own_sigma_px(c)) for c, level in zip(cell.roles, levels)])
+    levels = [cell.pixel_level(noise.levels, c) for c in tied]
+    own = pooled([replace(level, sigma=cell.own_sigma_px(c)) for c, level in zip(tied, levels)])
     joint = pooled(levels)
     shared = (questions.shared_moments_check(start.pairs),) if start.pairs else ()  # none in a rig of one camera
     if cell.clocks is None and questions.loose_rig(joint, own):

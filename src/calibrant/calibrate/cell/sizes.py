@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibrant.calibrate.cell.certainty.given_lens import freed_role
-from calibrant.calibrate.cell.fitted import fitted_places, fitted_transforms, mounting, robot_side
+from calibrant.calibrate.cell.fitted import fitted_places, mounting, robot_side
 from calibrant.calibrate.cell.held_out import CLOSE_ENOUGH, nearest_start
 from calibrant.calibrate.cell.loop.image_poses import ImagePoses, image_poses
 from calibrant.calibrate.cell.loop.noise import LoopNoise
@@ -82,7 +82,7 @@ def _averaged(cell: Cell, loops: Mapping[int, LoopNoise], lists: Sequence[int]) 
 
 def with_size_free(cell: Cell, solution: Solution, target: str) -> Solution:
     """The fit, at its values, with the size of a target one unknown more."""
-    problem = cell_problem(cell, fitted_transforms(cell, solution), solution.sigmas, free_sizes=(target,))
+    problem = cell_problem(cell, fitted_places(cell, solution), solution.sigmas, free_sizes=(target,))
     values = nearest_start(problem, solution)
     equations = problem.linearize(values, solution.sigmas)
     return replace(solution, problem=problem, values=values, equations=equations, around=(), beside=None)
@@ -102,9 +102,9 @@ def with_lens_free(cell: Cell, solution: Solution, camera: str) -> tuple[Cell, S
 
 def _by_all(cell: Cell, solution: Solution, target: str) -> Measured | None:
     """The size of one target with all else free; None where the motions do not tell it."""
-    if not any(p.target == target and p.movers for p in cell.layout.pictures):
+    if cell.layout.rig or not any(p.target == target and (p.movers or p.handheld) for p in cell.layout.pictures):
         return None
-    problem = cell_problem(cell, fitted_transforms(cell, solution), solution.sigmas, free_sizes=(target,))
+    problem = cell_problem(cell, fitted_places(cell, solution), solution.sigmas, free_sizes=(target,))
     freed = solve(problem, start=nearest_start(problem, solution), options=CLOSE_ENOUGH)
     if freed.unobservable:
         return None

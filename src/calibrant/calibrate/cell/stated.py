@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibrant.calibrate.cell.problem.layout import (
+    HANDHELD,
     IN_HAND,
     ONLY_ROBOT,
     TARGET,
@@ -102,5 +103,6 @@ def _seen_by(observations: Observations, lists: list[tuple[str, str]], i: int, *
     for v in observations.views:
         if v.camera != camera or not v.id.startswith(prefix) or v.id.startswith(longer):
             continue
-        views.append(v if alone else replace(v, moment=v.moment.removeprefix(f"{robot}/")))
+        named = f"{robot or HANDHELD}/"
+        views.append(v if alone and robot else replace(v, moment=v.moment.removeprefix(named)))
     return replace(observations, views=tuple(views), image_sizes={camera: observations.image_sizes[camera]}, missed=())

@@ -8,10 +8,15 @@ E sum |z_g|^2 = p where residuals are independent)
 
 and every covariance of the rig is multiplied by what k is above that which the lenses' own shares (`certainty.views`)
 have brought already. One factor for all: as many directions as a rig has unknowns are not told apart by its moments.
+
+Beside robots the moments are a part of what tells the places. With J, w of their residuals alone, M = C J^T W J C is
+what their noise leaves in all unknowns; independent, sum_g E |z_g|^2 = tr A_c with A = C^-1/2 M C^-1/2 of a place, and
+(k - 1) M is added, k the sum of |z_g|^2 over that of tr A_c, whatever the lenses' shares have brought.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +28,7 @@ from calibrant.calibrate.cell.problem.problem import Cell
 from calibrant.calibrate.intrinsics.shared_errors import ROUNDING_PX
 from calibrant.optimize import cluster_kernels
 from calibrant.optimize.chances import NORMAL_95, t_interval
-from calibrant.optimize.clusters import LEAST_CLUSTERS, Clusters, corrected, influence, square_root
+from calibrant.optimize.clusters import LEAST_CLUSTERS, Clusters, corrected, influence, influence_on_all, square_root
 from calibrant.optimize.solution import Solution
 
 
@@ -41,10 +46,12 @@ def moment_errors(cell: Cell, solution: Solution, *, sigma_px: float) -> MomentE
     solution: with what was added before. sigma_px: the noise of the points.
     """
     plain = replace(solution, around=(), beside=None)
-    frames = cell.layout.unknown
-    moments = {m: k for k, m in enumerate(dict.fromkeys(m for i, _, _ in cell.lists for m in cell.used_ids(i)))}
+    frames = _tied(cell)
+    moments = {m: k for k, m in enumerate(dict.fromkeys(m for i in _by_hand(cell) for m in cell.used_ids(i)))}
     if sigma_px < ROUNDING_PX or len(moments) < LEAST_CLUSTERS or not frames:
         return None
+    if not cell.layout.rig:
+        return _beside_robots(cell, plain, frames, moments)
     found = [_of_place(cell, plain, f, moments) for f in frames]
     sizes = [float(np.sum(c.scores**2)) / c.scores.shape[1] for c in found]
     free = max(min(float(np.mean([c.freedom for c in found])), len(moments) - 1), LEAST_CLUSTERS - 1)
@@ -53,6 +60,37 @@ def moment_errors(cell: Cell, solution: Solution, *, sigma_px: float) -> MomentE
     more = max(needed / there - 1, 0.0)
     whole = plain.shared_covariance if solution.beside is None else plain.shared_covariance + solution.beside
     return MomentErrors(more * whole, float(np.sqrt(max(needed, there))))
+
+
+def _by_hand(cell: Cell) -> list[int]:
+    """The lists of handheld targets."""
+    return [i for i, p, _ in cell.lists if p.handheld and cell.used_views(i)]
+
+
+def _tied(cell: Cell) -> list[Frame]:
+    """The places that handheld targets tell: all of a rig, beside robots those of cameras that see them with others."""
+    tied = [c for group in cell.layout.by_hand if len(group) > 1 for c in group]
+    return [f for f in cell.layout.unknown if cell.layout.rig or f[1] in tied]
+
+
+def _beside_robots(cell: Cell, plain: Solution, frames: Sequence[Frame], moments: dict[str, int]) -> MomentErrors:
+    """What moments share where robots tell of the places too."""
+    squares, shares, freedoms = 0.0, 0.0, []
+    for frame in frames:
+        sums, G, root = _sums(cell, plain, frame, moments)
+        share = G.sum(axis=0)
+        scatter = float(np.sum(G * G) + np.sum(np.einsum("gii->g", G) ** 2))
+        freedoms.append(float(np.sum(share * share) + np.trace(share) ** 2) / scatter if scatter > 0 else np.inf)
+        squares += float(np.sum(corrected(sums, G, root=root).scores ** 2))
+        shares += float(np.trace(share))
+    free = max(min(float(np.mean(freedoms)), len(moments) - 1), LEAST_CLUSTERS - 1)
+    needed = 1 + max(squares / shares - 1, 0.0) * (t_interval(free) / NORMAL_95) ** 2
+    s = len(plain.shared_covariance)
+    M: Array = np.zeros((s, s))
+    for i in _by_hand(cell):
+        rows = influence_on_all(plain, pictures_factor(i)).reshape(-1, s)
+        M = M + rows.T @ rows
+    return MomentErrors((needed - 1) * M, float(np.sqrt(needed)))
 
 
 def _grown(plain: Solution, solution: Solution, frame: Frame) -> float:
@@ -64,14 +102,18 @@ def _grown(plain: Solution, solution: Solution, frame: Frame) -> float:
 
 def _of_place(cell: Cell, plain: Solution, frame: Frame, moments: dict[str, int]) -> Clusters:
     """The scores of all moments on a place."""
+    sums, G, root = _sums(cell, plain, frame, moments)
+    return corrected(sums, G, root=root)
+
+
+def _sums(cell: Cell, plain: Solution, frame: Frame, moments: dict[str, int]) -> tuple[Array, Array, Array]:
+    """z_g (n, p) and G_g (n, p, p) of all moments on a place, and the root of its covariance."""
     root, inverse = square_root(plain.covariance(variable(frame)))
     p = root.shape[1]
     sums, G = np.zeros((len(moments), p)), np.zeros((len(moments), p, p))
-    for i, picture, _ in cell.lists:
+    for i in _by_hand(cell):
         views = cell.used_views(i)
-        if picture.seen is None or not views:
-            continue
         rows, residuals = influence(plain, pictures_factor(i), variable(frame), onto=inverse)
         labels = np.repeat([moments[m] for m in cell.used_ids(i)], [len(v) for v in views]).astype(np.int64)
         cluster_kernels.add_rows(rows, residuals, labels, sums, G)
-    return corrected(sums, G, root=root)
+    return sums, G, root

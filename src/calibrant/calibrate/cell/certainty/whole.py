@@ -40,8 +40,8 @@ class ByPoses:
 
 @dataclass(frozen=True, eq=False)
 class Certainty:
-    """What was added to the covariance, by the robots' poses and by camera; moments: what all that a rig saw at once
-    errs alike by."""
+    """What was added to the covariance, by the robots' poses and by camera; moments: what all that was seen of
+    handheld targets at once errs alike by."""
 
     poses: ByPoses
     lenses: Mapping[str, LensShift]
@@ -85,8 +85,8 @@ def certain(
                 lenses[name] = shift
                 beside = beside + shift.covariance
     moments: MomentErrors | None = None
-    if cell.layout.rig:
-        level = noise.levels[cell.pixel_group(cell.layout.root)].sigma
+    if cell.layout.by_hand:
+        level = noise.levels[cell.pixel_group(cell.layout.by_hand[0][0])].sigma
         moments = moment_errors(cell, replace(solution, beside=beside), sigma_px=level)
         beside = beside if moments is None else beside + moments.covariance
     # The lens is compared without it: what the photos have elsewhere is not the less so for an arm that may do it.

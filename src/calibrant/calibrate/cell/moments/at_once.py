@@ -24,8 +24,7 @@ from calibrant.calibrate.cell.moments.sightings import (
     poses,
     relative,
     relative_maps,
-    sightings,
-    tree,
+    trees,
     view_of,
 )
 from calibrant.calibrate.cell.moments.swept import swept
@@ -165,7 +164,7 @@ def seen_at_once(
     by_time = bool(times)
     if not any(p.handheld for p in where.pictures):
         return tuple(out), own, ()
-    for pair in tree(sightings(where, data), where.root):
+    for pair in trees(where, data):
         # Lenses that are found in the whole alone put no board anywhere before it.
         if len(pair) < LEAST or any(own[n].weak is not None for n in (pair.a, pair.b) if n in own):
             continue

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from calibrant.arrays import Array
 from calibrant.calibrate.cell.boards.turned import NAME, board_turns, turned_views, with_boards
-from calibrant.calibrate.cell.moments.sightings import Sighting, poses, sightings, tree
+from calibrant.calibrate.cell.moments.sightings import Sighting, poses, trees
 from calibrant.calibrate.cell.problem.layout import Layout, Pictures
 from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.data import Check
@@ -35,7 +35,7 @@ def numbered_at_once(
     if not any(p.handheld for p in where.pictures):
         return where, tuple(data), ()
     pictures, numbered, checks = list(where.pictures), list(data), list[Check]()
-    for pair in tree(sightings(where, data), where.root):
+    for pair in trees(where, data):
         for spec in dict.fromkeys(_spec(where, s) for s in pair.seen_a):
             turns = board_turns(spec)
             if turns is None:

@@ -67,6 +67,12 @@ def sightings(layout: Layout, data: Sequence[HandEyeViews]) -> dict[str, dict[Mo
     return out
 
 
+def trees(layout: Layout, data: Sequence[HandEyeViews]) -> list[Common]:
+    """The pairs of all cameras that see handheld targets, group by group of those that one target ties."""
+    seen = sightings(layout, data)
+    return [pair for group in layout.by_hand for pair in tree({c: seen[c] for c in group}, group[0])]
+
+
 def tree(seen: Mapping[str, Mapping[Moment, Sighting]], root: str) -> list[Common]:
     """The pairs that lead from the root to every camera that moments connect, those with the most of them first."""
     placed, out = [root], list[Common]()

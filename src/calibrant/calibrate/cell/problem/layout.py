@@ -3,26 +3,28 @@
     eye-in-hand  T_camera_target = T_gripper_camera^-1 T_base_gripper^-1 [T_root_base^-1] T_root_target
     eye-to-hand  T_camera_target = T_root_camera^-1 [T_root_base] T_base_gripper T_gripper_target
     standing     T_camera_target = T_root_camera^-1 T_root_target
-    handheld     T_camera_target = [T_root_camera^-1] T_root_carrier(moment) [T_carrier_target]
+    handheld     T_camera_target = [T_body_camera^-1] T_body_carrier(moment) [T_carrier_target]
     hand-to-hand T_camera_target = T_gripper_camera^-1 T_base_gripper^-1 T_root_base^-1
                    T_root_base' T_base'_gripper' T_gripper'_target        (' of the other robot)
 
 A single camera on a single robot is a cell of one list. The root is the first robot's base; [T_root_base] is there for
-every other robot. A rig is a cell without robots: its root is a camera, which has no [T_root_camera] then, and a
-handheld target is somewhere else at every moment; of several that are fixed to each other the first is the carrier.
+every other robot. A rig is a cell without robots: its root is a camera, which has no [T_body_camera] then. A handheld
+target is somewhere else at every moment, in the frame of what the cameras that see it are fixed to, their body: the
+root, or the gripper that carries them all; of several that are fixed to each other the first is the carrier.
 What stands still is one unknown in the root, what a robot carries is one in its gripper: cameras that see the same
 target, robots that carry or show one to the same camera, share these unknowns, and through them their errors.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from calibrant.arrays import Array, Indices
+from calibrant.calibrate.cell.problem.layout_checks import check_layout
 from calibrant.calibrate.reprojection.links import Link
 from calibrant.data import DEFAULT_CAMERA, Observations, RobotPoses
 from calibrant.errors import InputError
@@ -69,9 +71,9 @@ class Pictures:
 
     setup: eye-in-hand (the robot carries the camera), eye-to-hand (it carries the target), standing (neither: camera
     and target stand beside the robot, which takes no part), hand-to-hand (it carries the camera, and robot `other` the
-    target: a view's moment is the id of a pose of each), handheld (somebody moves the target before cameras that stand,
-    and no robot knows where it is: views of one `moment` were taken at once). target: name of the target, where there
-    are several.
+    target: a view's moment is the id of a pose of each), handheld (somebody moves the target before cameras that are
+    fixed to each other, and no robot knows where it is: views of one `moment` were taken at once). target: name of the
+    target, where there are several.
 
     Example::
 
@@ -159,51 +161,7 @@ class Layout:
     rigid: tuple[tuple[str, ...], ...] = ()
 
     def __post_init__(self) -> None:
-        self._check_rig()
-        for p in self.pictures:
-            for robot in filter(None, (p.robot, p.other)):
-                if robot not in self.robots:
-                    raise InputError(
-                        f"{p.words}: no poses of robot {robot!r}; there are poses of {', '.join(self.robots)}"
-                    )
-        for camera in self.cameras:
-            parents = {self.camera_parent(p) for p in self.pictures if p.camera == camera}
-            if len(parents) > 1:
-                raise InputError(f"camera {camera!r} cannot be fixed to both {' and '.join(sorted(parents))}")
-        idle = [r for r in self.robots if all(r not in (p.robot, p.other) for p in self.pictures)]
-        if idle:
-            raise InputError(f"no pictures belong to robot {idle[0]!r}; leave its poses out, or name its pictures")
-        clash = set(self.cameras) & {*map(self.base, self.robots), *map(self.gripper, self.robots), *self.targets}
-        if clash:
-            raise InputError(f"camera {sorted(clash)[0]!r} has the name of another frame; call it otherwise")
-
-    def _check_rig(self) -> None:
-        by_hand = [p for p in self.pictures if p.handheld]
-        if by_hand and (self.robots or len(by_hand) < len(self.pictures)):
-            raise InputError(
-                f"{by_hand[0].words}: a handheld target goes with no robots and no other setup; calibrate the cameras "
-                "that see it apart from the cell"
-            )
-        self._check_rigid({p.target for p in by_hand})
-        if self.rig and len(self.cameras) < 2 and not self.rigid:
-            raise InputError(
-                f"a rig has two cameras or more, the pictures are of {len(self.cameras)}: {', '.join(self.cameras)}"
-            )
-        if self.reference and self.reference not in self.cameras:
-            raise InputError(f"no camera {self.reference!r} in the pictures; known: {', '.join(self.cameras)}")
-
-    def _check_rigid(self, handheld: Collection[str]) -> None:
-        grouped = [name for group in self.rigid for name in group]
-        unknown = [name for name in grouped if name not in handheld]
-        if unknown:
-            raise InputError(
-                f"no pictures of a handheld target {unknown[0]!r}, which is to be fixed to others; there are "
-                f"{', '.join(sorted(handheld)) or 'none'}"
-            )
-        twice = [name for name in grouped if grouped.count(name) > 1]
-        if twice or any(len(group) < 2 for group in self.rigid):
-            what = f"{twice[0]!r} is in two places" if twice else "there is a group of one"
-            raise InputError(f"targets that are fixed to each other: {what}; name each once, two or more a group")
+        check_layout(self)
 
     @property
     def rig(self) -> bool:
@@ -239,23 +197,62 @@ class Layout:
         """Frame of a robot's gripper: "gripper" for the only robot."""
         return "gripper" if len(self.robots) == 1 else f"{robot}_gripper"
 
-    def camera_parent(self, p: Pictures) -> str:
-        """What the camera is fixed to."""
+    def fixed_to(self, p: Pictures) -> str:
+        """What these pictures by themselves say that the camera is fixed to; handheld targets say nothing of it."""
         return self.root if p.camera_robot is None else self.gripper(p.camera_robot)
 
+    @cached_property
+    def by_hand(self) -> tuple[tuple[str, ...], ...]:
+        """The cameras that see handheld targets, group by group: those that one target ties, or targets fixed to each
+        other. All of a rig are one group, its root the first."""
+        if self.rig:
+            return ((self.root, *(c for c in self.cameras if c != self.root)),)
+        groups: list[dict[str, None]] = []
+        for carrier in dict.fromkeys(self.carrier(p) for p in self.pictures if p.handheld):
+            mine = dict.fromkeys(p.camera for p in self.pictures if p.handheld and self.carrier(p) == carrier)
+            for group in [g for g in groups if mine.keys() & g.keys()]:
+                groups.remove(group)
+                mine = group | mine
+            groups.append(mine)
+        return tuple(tuple(g) for g in groups)
+
+    @cached_property
+    def _bodies(self) -> Mapping[str, str]:
+        """By camera, what it is fixed to: a camera that sees handheld targets alone stands where those that see them
+        beside it do."""
+        said = {p.camera: self.fixed_to(p) for p in self.pictures if not p.handheld}
+        out = dict.fromkeys(self.cameras, self.root)
+        for group in self.by_hand:
+            out |= dict.fromkeys(group, next((said[c] for c in group if c in said), self.root))
+        return out | said
+
+    def camera_parent(self, p: Pictures) -> str:
+        """What the camera is fixed to."""
+        return self._bodies[p.camera]
+
     def target_parent(self, p: Pictures) -> str:
-        """What the target is fixed to."""
+        """What the target is fixed to; of a handheld one, in what frame it is found at every moment: its cameras'."""
+        if p.handheld:
+            return self.camera_parent(p)
         return self.root if p.target_robot is None else self.gripper(p.target_robot)
 
     def target(self, p: Pictures) -> str:
-        """Frame of the target where it was for these pictures: a board that was moved from a table into a gripper is
-        two frames."""
-        parents = {self.target_parent(q) for q in self.pictures if q.target == p.target}
-        return p.target if len(parents) == 1 else f"{self.target_parent(p)}_{p.target}"
+        """Frame of the target where it was for these pictures: a board that was moved from a table into a gripper, or
+        into a hand, is two frames."""
+        places = {self._whereabouts(q) for q in self.pictures if q.target == p.target}
+        return p.target if len(places) == 1 else f"{self._whereabouts(p)}_{p.target}"
+
+    def _whereabouts(self, p: Pictures) -> str:
+        return HANDHELD if p.handheld else self.target_parent(p)
 
     def carrier(self, p: Pictures) -> str:
         """Frame of the target that p's is fixed to: its own, where it is fixed to none."""
-        return next((group[0] for group in self.rigid if p.target in group), self.target(p))
+        group = next((g for g in self.rigid if p.handheld and p.target in g), None)
+        return self.target(p) if group is None else self._by_hand(group[0])
+
+    def _by_hand(self, name: str) -> str:
+        """Frame of a target, by its name, where somebody moves it."""
+        return self.target(next(q for q in self.pictures if q.handheld and q.target == name))
 
     @property
     def targets(self) -> tuple[str, ...]:
@@ -272,20 +269,20 @@ class Layout:
         """The transforms to be found: cameras, targets, the other robots' bases."""
         cameras = {(self.camera_parent(p), p.camera): None for p in self.pictures if p.camera != self.root}
         targets = {(self.target_parent(p), self.target(p)): None for p in self.pictures if not p.handheld}
-        rigid = [(group[0], name) for group in self.rigid for name in group[1:]]
+        rigid = [(self._by_hand(group[0]), self._by_hand(name)) for group in self.rigid for name in group[1:]]
         bases = [(self.root, self.base(r)) for r in self.robots if self.base(r) != self.root]
         return (*cameras, *targets, *rigid, *bases)
 
     @property
     def handheld(self) -> tuple[Frame, ...]:
         """Targets that are somewhere else at every moment: one unknown each, but for those that another carries."""
-        return tuple(dict.fromkeys((self.root, self.carrier(p)) for p in self.pictures if p.handheld))
+        return tuple(dict.fromkeys((self.target_parent(p), self.carrier(p)) for p in self.pictures if p.handheld))
 
     def label(self, i: int) -> str:
         """What tells list i from the others; empty for the only one."""
         if len(self.pictures) == 1:
             return ""
-        names = [p.camera if len(self.robots) <= 1 else f"{p.camera} at {p.robot}" for p in self.pictures]
+        names = [p.camera if len(self.robots) <= 1 or p.handheld else f"{p.camera} at {p.robot}" for p in self.pictures]
         return names[i] if names.count(names[i]) == 1 else f"{names[i]} {i + 1}"
 
     def prefix(self, i: int) -> str:
@@ -309,7 +306,7 @@ class Layout:
         target = self._reach(p.target_robot, rows, once)
         if p.handheld:
             carrier = self.carrier(p)
-            target.append(Link(variable((self.root, carrier)), rows[carrier]))
+            target.append(Link(variable((self.target_parent(p), carrier)), rows[carrier]))
             if carrier != self.target(p):
                 target.append(Link(variable((carrier, self.target(p))), once))
         else:
@@ -325,14 +322,16 @@ class Layout:
 
 
 def id_prefix(lists: Sequence[tuple[str, str]], i: int) -> str:
-    """What the view ids of list i begin with: the robot's name, where a camera stands in several lists.
+    """What the view ids of list i begin with: the robot's name, "handheld" without, where a camera stands in several
+    lists.
 
     lists: (camera, robot) of each.
     """
     camera, robot = lists[i]
     if [c for c, _ in lists].count(camera) == 1:
         return ""
-    return f"{robot}/{i}/" if lists[i] in lists[:i] else f"{robot}/"
+    by = robot or HANDHELD
+    return f"{by}/{i}/" if lists[i] in lists[:i] else f"{by}/"
 
 
 def variable(frame: Frame) -> str:
@@ -361,4 +360,7 @@ def layout(
             "nothing to calibrate: give the poses of one robot or more, and the pictures of each camera; cameras "
             f"without a robot see a target that is {HANDHELD}"
         )
+    cameras = list(dict.fromkeys(p.camera for p in pictures))
+    if not named and len(cameras) < 2 and not rigid:
+        raise InputError(f"a rig has two cameras or more, the pictures are of {len(cameras)}: {', '.join(cameras)}")
     return Layout(named, tuple(pictures), reference, tuple(tuple(group) for group in rigid))

@@ -122,20 +122,21 @@ class Cell:
         return replace(self, data=data)
 
     def pixel_group(self, camera: str) -> str:
-        """Noise group of a camera's pixels. The cameras of a rig share one: what the clocks, the target's shape or a
-        camera that gave way err by is in all of them, and a level each would lay it on the one that fits worst. What
-        another camera's corners carried errs as its decoding does, by itself."""
-        return PIXEL if self._alike(camera) else pixel_group(camera)
+        """Noise group of a camera's pixels. Cameras that see handheld targets share one: what the clocks, the target's
+        shape or a camera that gave way err by is in all of them, and a level each would lay it on the one that fits
+        worst. What another camera's corners carried errs as its decoding does, by itself."""
+        return PIXEL if self.alike(camera) else pixel_group(camera)
 
-    def _alike(self, camera: str) -> bool:
-        """Whether a camera has its noise with the others of its rig."""
+    def alike(self, camera: str) -> bool:
+        """Whether a camera has its noise with others, that see handheld targets as it does."""
         lists = [p.seen.views for p in self.layout.pictures if p.camera == camera and p.seen is not None]
-        return self.layout.rig and all(v.carried is None for views in lists for v in views)
+        by_hand = any(camera in group for group in self.layout.by_hand)
+        return by_hand and all(v.carried is None for views in lists for v in views)
 
     @cached_property
     def pixel_ratios(self) -> Mapping[str, float]:
         """By camera, its pixel noise over its group's level: by the cameras' own calibrations."""
-        own = {c: self.own_sigma_px(c) for c in self.roles if self._alike(c)}
+        own = {c: self.own_sigma_px(c) for c in self.roles if self.alike(c)}
         typical = float(np.exp(np.mean(np.log(list(own.values()))))) if own else 1.0
         return dict.fromkeys(self.roles, 1.0) | {c: s / typical for c, s in own.items()}
 
@@ -270,7 +271,7 @@ def _carried(cell: Cell, i: int, seen: ReprojectionFactor, carried: Sequence[Car
     other = next((q for q in cell.layout.pictures if q.camera == carried[0].camera and q.target == p.target), None)
     if other is None or {c.camera for c in carried} != {other.camera} or other.camera not in cell.roles:
         return seen
-    links = cell.layout.links(other, cell.rows(i), n)
+    links = cell.layout.links(replace(p, camera=other.camera), cell.rows(i), n)
     views = replace(seen.views, uv=np.concatenate([c.uv for c in carried]))
     at = _reprojection(cell, other, links, views, name=f"{other.camera} of {seen.name}", modes=seen.modes)
     return CarriedFactor(seen.name, seen=seen, at=at, slope=np.concatenate([c.slope for c in carried]))

@@ -8,7 +8,7 @@ these give are the edges of a graph, in which every unknown is a path. A camera 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -64,7 +64,7 @@ def cell_start(layout: Layout, data: Sequence[HandEyeViews], missing: Mapping[st
     if layout.rig:
         places, pairs = handheld_start(layout, data)
         return CellStart(places, tuple(data), LEVEL_START, {}, {}, pairs)
-    graph = FrameGraph(tolerance_m=np.inf, tolerance_rad=np.inf)
+    graph, by_hand = _tied_by_hand(layout, data, FrameGraph(tolerance_m=np.inf, tolerance_rad=np.inf))
     cleaned = list(data)
     refused: dict[int, str] = {}
     alone: dict[int, Alone] = {}
@@ -74,6 +74,8 @@ def cell_start(layout: Layout, data: Sequence[HandEyeViews], missing: Mapping[st
     for i in order:
         checkpoint()
         p = layout.pictures[i]
+        if p.handheld:
+            continue
         if p.setup == STANDING:
             graph = graph.add(p.camera, layout.target(p), medoid(data[i].B[data[i].use]))
             continue
@@ -90,7 +92,7 @@ def cell_start(layout: Layout, data: Sequence[HandEyeViews], missing: Mapping[st
             continue
         seed = alone[i].seed
         spreads.append((np.deg2rad(seed.loop.median_deg), 1e-3 * seed.loop.median_mm))
-        graph = _add(graph, layout.constants(p), (seed.X, seed.Z))
+        graph = _add(graph, layout.constants(p), (seed.X, seed.Z), tied=bool(by_hand))
     if len(data) == 1 and refused:
         raise RefusedError(refused[0])
     for i, said in sorted(alone.items()):
@@ -105,12 +107,57 @@ def cell_start(layout: Layout, data: Sequence[HandEyeViews], missing: Mapping[st
         transforms[parent, child] = graph.T(parent, child)
     median = np.median(np.array(spreads), axis=0) if spreads else np.array(LEVEL_START)
     transforms = {f: transforms[f] for f in layout.unknown}
-    return CellStart(transforms, tuple(cleaned), (float(median[0]), float(median[1])), alone, refused)
+    for part in by_hand:
+        transforms |= part.carriers(graph)
+    pairs = tuple(pair for part in by_hand for pair in part.pairs)
+    return CellStart(transforms, tuple(cleaned), (float(median[0]), float(median[1])), alone, refused, pairs)
 
 
-def _add(graph: FrameGraph, edges: Sequence[Frame], transforms: Sequence[Array]) -> FrameGraph:
+@dataclass(frozen=True, eq=False)
+class _ByHand:
+    """Cameras that handheld targets tie, the first their reference: where the targets were in it, (m, 4, 4) by moment.
+
+    frames: those of the carriers in the layout, each with its name in the part."""
+
+    reference: str
+    frames: Mapping[Frame, Frame]
+    places: Mapping[Frame, Array]
+    pairs: tuple[CameraPair, ...]
+
+    def carriers(self, graph: FrameGraph) -> dict[Frame, Array]:
+        """The targets' places in what the cameras are fixed to."""
+        return {f: graph.T(f[0], self.reference) @ self.places[mine] for f, mine in self.frames.items()}
+
+
+def _tied_by_hand(
+    layout: Layout, data: Sequence[HandEyeViews], graph: FrameGraph
+) -> tuple[FrameGraph, tuple[_ByHand, ...]]:
+    """The graph with the cameras that handheld targets tie to each other: each group is a rig of its own.
+
+    Raises: RefusedError naming what shares no moment with the rest.
+    """
+    parts = []
+    for group in layout.by_hand:
+        mine = [k for k, p in enumerate(layout.pictures) if p.handheld and p.camera in group]
+        # As a rig of its own a target has its own frame: two that are one name stay two.
+        lists = [replace(p, target=layout.target(p)) for p in (layout.pictures[k] for k in mine)]
+        seen = {layout.pictures[k].target: p.target for k, p in zip(mine, lists)}
+        rigid = tuple(tuple(seen[name] for name in names) for names in layout.rigid if names[0] in seen)
+        rig = Layout({}, tuple(lists), group[0], rigid)
+        places, pairs = handheld_start(rig, [data[k] for k in mine])
+        for frame in rig.unknown:
+            graph = graph.add(*frame, places[frame])
+        bodies = {rig.carrier(p): layout.camera_parent(p) for p in lists}
+        frames = {(body, carrier): (group[0], carrier) for carrier, body in bodies.items()}
+        parts.append(_ByHand(group[0], frames, places, pairs))
+    return graph, tuple(parts)
+
+
+def _add(graph: FrameGraph, edges: Sequence[Frame], transforms: Sequence[Array], *, tied: bool = False) -> FrameGraph:
+    """The graph with these edges; tied: without those whose ends are tied already, as by targets moved by hand."""
     for (parent, child), T in zip(edges, transforms):
-        graph = graph.add(parent, child, T)
+        if not (tied and _connected(graph, parent, child)):
+            graph = graph.add(parent, child, T)
     return graph
 
 
@@ -207,6 +254,9 @@ def _through_others(
                 left -= {i} if done else set()
                 continue
             (at, camera), (on, target) = layout.constants(p)
+            if layout.by_hand and _connected(graph, on, target) and _connected(graph, at, camera):
+                left.discard(i)
+                continue
             A, B = get_setup(p.setup).normal_form(data[i].T_base_gripper[used]), data[i].B[used]
             if _connected(graph, on, target):
                 X = se3.inverse(A) @ graph.T(on, target) @ se3.inverse(B)
@@ -243,6 +293,11 @@ def _missing(layout: Layout, parent: str, child: str, refused: dict[int, str]) -
     reasons = "; ".join(f"{layout.pictures[i].words}: {text}" for i, text in refused.items())
     if reasons:
         return f"nothing tells where {child} is in {parent}: {reasons}"
+    if child in layout.cameras:
+        return (
+            f"nothing tells where {child} is in {parent}: no robot moves it or a target before it, and it sees no "
+            "handheld target together with a camera that one does; add such pictures, or leave it out"
+        )
     return (
         f"nothing ties {child} to {parent}: the robots share neither a camera that sees what both carry nor a target "
         "that both see; add pictures that do, or calibrate them apart"

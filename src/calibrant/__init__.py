@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from calibrant.tasks.verbs import projector_patterns as projector_patterns
     from calibrant.tasks.verbs import rectify as rectify
     from calibrant.tasks.verbs import report as report
+    from calibrant.tasks.verbs import rig as rig
     from calibrant.tasks.verbs import stereo as stereo
     from calibrant.tasks.verbs import study_methods as study_methods
     from calibrant.tasks.verbs import target as target
@@ -91,6 +92,7 @@ _PUBLIC = {
     "doctor": ("calibrant.tasks.verbs", "doctor"),
     "dynamic": ("calibrant.tasks.verbs", "dynamic"),
     "undistort": ("calibrant.tasks.verbs", "undistort"),
+    "rig": ("calibrant.tasks.verbs", "rig"),
     "stereo": ("calibrant.tasks.verbs", "stereo"),
     "study_methods": ("calibrant.tasks.verbs", "study_methods"),
     "demo": ("calibrant.tasks.verbs", "demo"),

@@ -178,10 +178,18 @@ def _stereo(files: Files) -> Options:
     return {"left": [files.images], "right": [folder], "target": [TARGET], "fix": ["k3"]}
 
 
+def _rig(files: Files) -> Options:
+    """The pair of stereo, by names."""
+    pair = _stereo(files)
+    images = [f"front={pair['left'][0]}", f"side={pair['right'][0]}"]
+    return {"images": images, "target": pair["target"], "fix": pair["fix"], "reference": "side"}
+
+
 CASES: Mapping[str, Callable[[Files], Options]] = {
     "detect": _detect,
     "intrinsics": _intrinsics,
     "stereo": _stereo,
+    "rig": _rig,
     "hand-eye": _hand_eye,
     "doctor": _doctor,
     "pose": _pose,

@@ -60,6 +60,7 @@ from calibrant.data.details import (
     RobotParameters,
     RollingShutter,
     SharedErrors,
+    SharedMoments,
     StereoGeometry,
     TouchedPoint,
     TriangulatedEdges,
@@ -152,6 +153,7 @@ def details() -> tuple[object, ...]:
             1 / 3, 0.0, 0.7, 0.2, {"0": PairErrors("l0", "r0", 1 / 3, 0.0, 0.7, (3, 17), (1 / 7, 0.0), (0.7, 1 / 3))}
         ),
         TriangulatedEdges(12, 1 / 3, -0.01, 25.0),
+        SharedMoments(("left", "right"), ((12, 7), (7, 9))),
     )
 
 

@@ -11,6 +11,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from calibrant.data.details_projector import ProjectorCaptures, ScanSummary
+from calibrant.data.details_rig import CameraClock as CameraClock
+from calibrant.data.details_rig import CameraClocks as CameraClocks
+from calibrant.data.details_rig import SharedMoments as SharedMoments
 from calibrant.data.details_stereo import EpipolarErrors as EpipolarErrors
 from calibrant.data.details_stereo import PairErrors as PairErrors
 from calibrant.data.details_stereo import StereoGeometry as StereoGeometry
@@ -351,26 +354,6 @@ class ReferencePicture:
     jpeg: str
 
 
-@dataclass(frozen=True)
-class CameraClock:
-    """When a camera takes its pictures: how much later than the reference's clock their middle row is, and how long
-    after its first row the last one is, ms with 1 sigma; None for what was not asked."""
-
-    camera: str
-    offset_ms: float | None = None
-    offset_sigma_ms: float | None = None
-    readout_ms: float | None = None
-    readout_sigma_ms: float | None = None
-
-
-@dataclass(frozen=True)
-class CameraClocks:
-    """The clocks of a rig's cameras against that of the reference."""
-
-    reference: str
-    clocks: tuple[CameraClock, ...]
-
-
 DETAILS: Mapping[str, type] = {
     "robot_parameters": RobotParameters,
     "arm_errors": ArmErrors,
@@ -380,6 +363,7 @@ DETAILS: Mapping[str, type] = {
     "free_target": FreeTarget,
     "rolling_shutter": RollingShutter,
     "camera_clocks": CameraClocks,
+    "shared_moments": SharedMoments,
     "shared_errors": SharedErrors,
     "faults": Faults,
     "deviations": Deviations,

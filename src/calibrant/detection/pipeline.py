@@ -66,6 +66,7 @@ def detect(
     cache: str | Path | None = None,
     refinement: Refinement = DEFAULT,
     progress: Progress | None = None,
+    beside: Sequence[Target | str] = (),
 ) -> Observations:
     """The target in every image.
 
@@ -73,7 +74,8 @@ def detect(
     scheduler's address, or an executor to use (None: two where the images are many); mirror_x: images are flipped left
     to right before anything else, for cameras that deliver mirror images, and pixels are those of the flipped image;
     cache: a folder that keeps what was detected, so that the same images are not searched again; refinement: how
-    the corners of chessboards and ChArUco boards are measured; progress: called after each image.
+    the corners of chessboards and ChArUco boards are measured; progress: called after each image; beside: other targets
+    that the images show too: that more show them says nothing against this one.
     An image that cannot be read, is of another size than most, a copy of another or does not show the target is listed
     in `missed` with the reason.
     Raises: InputError when no image is given, none can be read, or no size is that of most; DetectionError when no
@@ -100,10 +102,8 @@ def detect(
     done = _foreign_left_out(done, size)
     found = [d for d in done if d.detection.found]
     if not found:
-        readable = [d for d in done if d.size is not None]
-        mirrored = _found_mirrored([d.file for d in readable], wanted, mirror_x)
-        raise DetectionError(_why_none(readable, wanted, len(done)) + mirrored)
-    _refuse_another_target([d.detection for d in done], wanted)
+        raise _none_found(done, wanted, mirror_x)
+    _refuse_another_target([] if beside else [d.detection for d in done], wanted)
     points, row_of = wanted.points, {int(label): row for row, label in enumerate(wanted.point_ids)}
     views = tuple(_detected_view(d, names[d.file], points, row_of, camera) for d in found)
     notes = [*_notes(done), *([copies_note(copies, names)] if copies else [])]
@@ -216,6 +216,13 @@ def _run(
             if cache is not None and result.size is not None and result.file in keys:
                 cache.put(keys[result.file], result.size, result.detection)
             yield result
+
+
+def _none_found(done: Sequence[ImageDetection], target: Target, mirror_x: bool) -> DetectionError:
+    """Why no image shows the target, in words."""
+    readable = [d for d in done if d.size is not None]
+    mirrored = _found_mirrored([d.file for d in readable], target, mirror_x)
+    return DetectionError(_why_none(readable, target, len(done)) + mirrored)
 
 
 def _found_mirrored(files: Sequence[Path], target: Target, mirror_x: bool) -> str:

@@ -55,6 +55,7 @@ TASKS = {
     ),
     "intrinsics": Entry("cameras.intrinsics", "Calibrate a camera from photos of a board."),
     "stereo": Entry("cameras.stereo", "Calibrate two cameras that are fixed to each other."),
+    "rig": Entry("cameras.rig", "Calibrate any number of cameras that are fixed to each other."),
     "hand-eye": Entry("robots.hand_eye", "Find where the camera is, on a robot or beside it."),
     "doctor": Entry("robots.doctor", "Find what is wrong with hand-eye data, and repair it."),
     "pose": Entry("cameras.pose", "Find where a target is, from photos."),

@@ -53,7 +53,7 @@ def test_by_order_is_said_and_needs_equal_numbers() -> None:
     found = paired_images(files("a.png", "b.png"), files("x.png", "y.png"))
     assert (found.rule, found.pairs) == ("order", ((0, 0), (1, 1)))
     assert "by order, because their names do not tell" in found.words
-    with pytest.raises(InputError, match=r"3 images of the left camera .* and 2 of the right"):
+    with pytest.raises(InputError, match=r"3 of the left camera .* and 2 of the right"):
         paired_images(files("a.png", "b.png", "c.png"), files("x.png", "y.png"))
     asked = paired_images(files("left2.png", "left1.png"), files("right1.png", "right2.png"), rule="order")
     assert asked.pairs == ((0, 0), (1, 1))

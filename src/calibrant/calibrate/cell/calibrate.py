@@ -252,8 +252,9 @@ def accuracies_asked(told: Mapping[str, RobotAccuracy]) -> dict[str, object]:
 
 
 def _with_own_ids(pictures: Sequence[Pictures]) -> list[Pictures]:
-    """Views of a camera that stands in several lists get the robot's name in front: ids are unique in a camera."""
-    lists = [(p.camera, p.robot) for p in pictures]
+    """Views of a camera that stands in several lists get the robot's name in front, or a handheld target's: ids are
+    unique in a camera."""
+    lists = [(p.camera, p.target if p.handheld else p.robot) for p in pictures]
     out = []
     for i, p in enumerate(pictures):
         if p.seen is None:

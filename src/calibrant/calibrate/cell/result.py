@@ -25,7 +25,7 @@ from calibrant.calibrate.cell.noise_figures import noise_by_name, robot_paramete
 from calibrant.calibrate.cell.problem.groups import geometry_variable, lens_variable, pictures_factor
 from calibrant.calibrate.cell.problem.layout import HANDHELD, Frame, Layout, variable
 from calibrant.calibrate.cell.problem.problem import Cell
-from calibrant.calibrate.cell.rig_checks import rig_checks, together
+from calibrant.calibrate.cell.rig_checks import held_out_moments, rig_checks, shared_moments, together
 from calibrant.calibrate.cell.sizes import Sizes
 from calibrant.calibrate.cell.starts.cell import CellStart
 from calibrant.calibrate.reprojection.in_fit import seen_in_fit
@@ -87,7 +87,9 @@ def cell_result(
             *robot_parameters(cell, solution),
             *arm_errors_record(cell, solution, certainty),
             *([clocks] if (clocks := clocks_found(cell, solution)) else []),
+            *([shared] if (shared := shared_moments(cell)) else []),
         ),
+        figures=held_out_moments(cell, solution),
         observations=_observations(layout),
         robot_poses=_poses(cell, solution),
         T_camera_target=measured[0] if len(measured) == len(cell.data) == 1 else None,

@@ -5,23 +5,27 @@ A rig is a cell without robots (`problem.layout`): its root is the reference cam
     min sum |project(theta_c, T_root_c^-1 T_root_target_m p_j) - uv|^2 / sigma_c^2,
 
 over all cameras, their places and one target pose a moment, the noise of every camera estimated from its residuals.
+Of several targets each has its own pose a moment; those fixed to each other (`rigid`) have one pose together.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 
 from calibrant.calibrate.cell.calibrate import CellFit, fit_cell, judged_cell
 from calibrant.calibrate.cell.lens_choice import MODEL, FixForEach, ForEach, lenses_asked
-from calibrant.calibrate.cell.problem.layout import HANDHELD, Pictures
+from calibrant.calibrate.cell.problem.layout import HANDHELD, TARGET, Pictures
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Observations
 from calibrant.errors import InputError
 from calibrant.expected import expect
 
+Seen = Observations | Mapping[str, Observations]
+"""What the cameras saw of the only target, or of each by its name."""
+
 
 def calibrate_rig(
-    observations: Observations,
+    observations: Seen,
     *,
     cameras: Mapping[str, Camera] | None = None,
     initial: Mapping[str, Camera] | None = None,
@@ -31,8 +35,12 @@ def calibrate_rig(
     times: Mapping[str, float] | None = None,
     time_offsets: bool = False,
     readout: bool = False,
+    rigid: Sequence[Sequence[str]] = (),
 ) -> CalibrationResult:
     """Calibrate cameras that are fixed to each other from synchronised views; `View.moment` says what is simultaneous.
+
+    observations: of one target, or those of several by the target's name; rigid: names of those that are fixed to each
+    other, group by group. One camera alone measures how these stand to each other.
 
     cameras: known intrinsics by name, held within their covariance (exact where they have none). The others are
     calibrated from their views: initial, by name, where that starts; model and fix, one for all cameras or by name,
@@ -61,9 +69,11 @@ def calibrate_rig(
         times=times,
         time_offsets=time_offsets,
         readout=readout,
+        rigid=rigid,
     )
-    asked = {"time_offsets": True} if time_offsets else {}
+    asked: dict[str, object] = {"time_offsets": True} if time_offsets else {}
     asked |= {"readout": True} if readout else {}
+    asked |= {"rigid": [list(group) for group in rigid]} if rigid else {}
     return judged_cell(fit, asked_of_rig(model, fix, initial) | asked)
 
 
@@ -73,7 +83,7 @@ def asked_of_rig(model: ForEach, fix: FixForEach, initial: Mapping[str, Camera] 
 
 
 def fit_rig(
-    observations: Observations,
+    observations: Seen,
     *,
     cameras: Mapping[str, Camera] | None = None,
     initial: Mapping[str, Camera] | None = None,
@@ -84,20 +94,23 @@ def fit_rig(
     times: Mapping[str, float] | None = None,
     time_offsets: bool = False,
     readout: bool = False,
+    rigid: Sequence[Sequence[str]] = (),
     same_focal: bool = False,
 ) -> CellFit:
     """The fit behind `calibrate_rig`; arguments and errors as there. together: as `fit_cell` has it; same_focal: of a
     rig of two."""
-    expect(observations, Observations, "observations", "Observations of two cameras or more")
-    names = tuple(observations.image_sizes)
-    if len(names) < 2:
+    expect(observations, (Observations, Mapping), "observations", "Observations of two cameras or more")
+    targets = {TARGET: observations} if isinstance(observations, Observations) else dict(observations)
+    for target, seen in targets.items():
+        expect(seen, Observations, f"the observations of {target}", "Observations")
+    names = tuple(dict.fromkeys(name for seen in targets.values() for name in seen.image_sizes))
+    if len(names) < 2 and not rigid:
         raise InputError(f"a rig has two cameras or more, the observations have {len(names)}: {', '.join(names)}")
     if reference is not None and reference not in names:
         raise InputError(f"no camera {reference!r} in the observations; known: {', '.join(names)}")
-    pictures = [Pictures(name, HANDHELD, observations.of_camera(name)) for name in names]
     return fit_cell(
         {},
-        pictures,
+        _pictures(targets, names),
         cameras=cameras,
         initial=initial,
         model=model,
@@ -107,5 +120,16 @@ def fit_rig(
         times=times,
         time_offsets=time_offsets,
         readout=readout,
+        rigid=rigid,
         same_focal=(names[0], names[1]) if same_focal else (),
     )
+
+
+def _pictures(targets: Mapping[str, Observations], names: Sequence[str]) -> list[Pictures]:
+    """A list for every camera and target that it saw; of the only target for every camera."""
+    return [
+        Pictures(name, HANDHELD, seen.of_camera(name), target=target)
+        for name in names
+        for target, seen in targets.items()
+        if name in seen.image_sizes and (len(targets) == 1 or seen.of_camera(name).views)
+    ]

@@ -1,19 +1,37 @@
-"""What the cameras of a cell are asked beside each other, and a rig as a whole."""
+"""What the cameras of a cell are asked beside each other, and a rig as a whole, with its error at moments left out.
+
+Every tenth moment is left out of the fit; where the target was then is found by all its cameras together, which stay
+where the other moments put them. The rest is the error of places and lenses, which the fit of all hides in them.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibrant.arrays import Array, Mask
 from calibrant.calibrate.cell import checks as questions
 from calibrant.calibrate.cell.clocks import clocks_found, suspected_clocks
+from calibrant.calibrate.cell.fitted import fitted_places
+from calibrant.calibrate.cell.held_out import CLOSE_ENOUGH, nearest_start
 from calibrant.calibrate.cell.noise_figures import pooled
 from calibrant.calibrate.cell.problem.groups import pictures_factor
-from calibrant.calibrate.cell.problem.problem import Cell
+from calibrant.calibrate.cell.problem.layout import Frame, variable
+from calibrant.calibrate.cell.problem.problem import Cell, cell_problem, moments_by_hand
 from calibrant.calibrate.cell.starts.cell import CellStart
-from calibrant.data import Check
+from calibrant.calibrate.reprojection.in_fit import seen_in_fit
+from calibrant.data import Check, Measured
+from calibrant.data.details import SharedMoments
+from calibrant.optimize.levenberg_marquardt import solve
+from calibrant.optimize.manifolds import SE3, Euclidean, Manifold
 from calibrant.optimize.noise import NoiseEstimate
+from calibrant.optimize.problem import Problem
+from calibrant.optimize.solution import Solution
+
+TENTH = 10
+HELD_OUT, FITTED = "held-out RMS", "RMS there in the fit"
 
 
 def _sigma_together(cell: Cell, noise: NoiseEstimate, camera: str) -> float:
@@ -53,3 +71,83 @@ def rig_checks(cell: Cell, start: CellStart, noise: NoiseEstimate) -> tuple[Chec
     found = clocks_found(cell, noise.solution)
     rigidity = questions.rigidity_check(joint, own)
     return (*shared, rigidity) if found is None else (*shared, rigidity, questions.clocks_check(found))
+
+
+def shared_moments(cell: Cell) -> SharedMoments | None:
+    """Who saw what together, of the views that are used; None for cells that are no rig of several cameras."""
+    names = cell.layout.cameras
+    if not cell.layout.rig or len(names) < 2:
+        return None
+    seen = {c: {(cell.layout.carrier(p), m) for i, p, _ in cell.lists if p.camera == c for m in cell.used_ids(i)}
+            for c in names}  # fmt: skip
+    return SharedMoments(names, tuple(tuple(len(seen[a] & seen[b]) for b in names) for a in names))
+
+
+@dataclass(frozen=True)
+class _Held(SE3):
+    """Transforms that stay as they are."""
+
+    @property
+    def free_names(self) -> tuple[str, ...]:
+        return ()
+
+    def basis(self, values: Array) -> Array | None:
+        return np.zeros((1, 6, 0))
+
+    def retract(self, values: Array, free: Array) -> Array:
+        return values
+
+
+def held_out_moments(cell: Cell, fit: Solution) -> Mapping[str, Measured]:
+    """RMS error of moments that were left out, px, as a figure; none for cells that are no rig, and few moments."""
+    layout = cell.layout
+    moments = list(dict.fromkeys(m for i, _, _ in cell.lists for m in cell.used_ids(i)))
+    out = set(moments[TENTH // 2 :: TENTH])
+    if not layout.rig or len(moments) < 2 * TENTH:
+        return {}
+    masks = [np.array([m in out for m in d.ids], dtype=bool) for d in cell.data]
+    if any(d.use.any() and not (d.use & ~gone).any() for d, gone in zip(cell.data, masks)):
+        return {}  # a camera or a target that only these moments show
+    rest = cell.kept([~gone for gone in masks])
+    problem = cell_problem(rest, _places(rest, cell, fit), fit.sigmas)
+    solved = solve(problem, start=nearest_start(problem, fit), options=CLOSE_ENOUGH)
+    left = cell.kept(masks)
+    used = [gone[d.use] for gone, d in zip(masks, cell.data)]
+    there = {v.name: value for v, value in zip(solved.problem.variables, solved.values)}
+    alone = _with_rest_held(cell_problem(left, _places(left, cell, fit), fit.sigmas), there, layout.handheld)
+    found = solve(alone, options=CLOSE_ENOUGH)
+    held, fitted = _rms_px(left, found), _rms_px(left, fit, used)
+    return {HELD_OUT: Measured(held, unit="px"), FITTED: Measured(fitted, unit="px")}
+
+
+def _rms_px(left: Cell, fit: Solution, rows: Sequence[Mask] | None = None) -> float:
+    """Over the points of these views, of which the fit may have more; rows: by list, which of its used rows."""
+    squares = []
+    for i, _, d in left.lists:
+        if d.use.any():
+            every = seen_in_fit(fit, pictures_factor(i))
+            squares += [s for s, _ in every] if rows is None else [every[k][0] for k in np.flatnonzero(rows[i])]
+    return float(np.sqrt(np.mean(np.concatenate(squares)))) if squares else float("nan")
+
+
+def _places(part: Cell, cell: Cell, fit: Solution) -> dict[Frame, Array]:
+    """Where a part of a cell starts from: the places of the fit of all, of handheld targets those of its moments."""
+    places = fitted_places(cell, fit)
+    for frame in cell.layout.handheld:
+        every = moments_by_hand(cell.layout, cell.data, frame[1])
+        places[frame] = places[frame][[every.index(m) for m in moments_by_hand(part.layout, part.data, frame[1])]]
+    return places
+
+
+def _with_rest_held(problem: Problem, values: Mapping[str, Array], free: tuple[Frame, ...]) -> Problem:
+    """The problem with all but these transforms held at the values given."""
+    loose = {variable(frame) for frame in free}
+    variables = []
+    for v in problem.variables:
+        if v.name in loose:
+            variables.append(v)
+            continue
+        names = v.manifold.natural_names
+        held: Manifold = _Held() if isinstance(v.manifold, SE3) else Euclidean(names, names)
+        variables.append(replace(v, manifold=held, values=values.get(v.name, v.values)))
+    return replace(problem, variables=tuple(variables))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from glob import glob, has_magic
 from pathlib import Path
 
@@ -41,6 +41,21 @@ def expand(paths: Iterable[str | Path] | str | Path) -> list[Path]:
         raise InputError("no images were given; name image files, a pattern such as 'images/*.png', or a folder")
     unique = {file.resolve(): file for file in reversed(files)}
     return [file for file in dict.fromkeys(files) if unique[file.resolve()] is file]
+
+
+def expand_together(lists: Sequence[Iterable[str | Path]]) -> list[list[Path]]:
+    """Image files of several cameras: as `expand` has them, but of videos the frames of the same numbers.
+
+    Raises: InputError as `expand`.
+    """
+    named = [[Path(item).expanduser() for item in items if item != ""] for items in lists]
+    videos = [video_of(items[0]) if len(items) == 1 else None for items in named]
+    told = [v for v in videos if v is not None]
+    if len(told) < 2 or len(told) < len(videos):
+        return [expand(items) for items in lists]
+    from calibrant.detection.images.video import frames_together
+
+    return frames_together([video for video, _ in told], max((n for _, n in told if n is not None), default=None))
 
 
 def natural_key(path: Path) -> list[tuple[int, int, str]]:

@@ -7,6 +7,7 @@ from the start.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 
@@ -49,6 +50,28 @@ def frames(video: Path, every: int | None = None) -> list[Path]:
         best[-1] = max(best[-1], here)
         number += 1
     return [_name(video, i) for _, i in best]
+
+
+def frames_together(videos: Sequence[Path], every: int | None = None) -> list[list[Path]]:
+    """Names of the frames of videos whose frames of one number were taken at once: the same numbers of each.
+
+    Of every `every` in turn the one is taken whose least sharp picture is the sharpest, each beside its own video.
+    Raises: InputError when a video cannot be read, or holds no frame.
+    """
+    count = min(map(_count, videos))
+    every = max(1, -(-count // MOST_FRAMES)) if every is None else every
+    numbers = list(range(count))
+    if every > 1:
+        sharp = np.array([_sharpnesses(video, count) for video in videos])
+        worst = (sharp / np.maximum(np.median(sharp, axis=1, keepdims=True), np.finfo(float).tiny)).min(axis=0)
+        numbers = [first + int(np.argmax(worst[first : first + every])) for first in range(0, count, every)]
+    return [[_name(video, i) for i in numbers] for video in videos]
+
+
+def frame_rate(video: Path) -> float | None:
+    """Frames a second that a video states; None where it states none. Raises: InputError when it cannot be read."""
+    rate = float(_opened(video).get(cv2.CAP_PROP_FPS))
+    return rate if 0 < rate < float("inf") else None
 
 
 def read_frame(video: Path, number: int) -> NDArray[np.uint8]:
@@ -97,6 +120,11 @@ def _opened(video: Path) -> cv2.VideoCapture:
             f"video {video} states frames of {width}x{height} px; expected {MOST_PIXELS / 1e6:g} megapixels at most"
         )
     return capture
+
+
+def _sharpnesses(video: Path, count: int) -> list[float]:
+    capture = _opened(video)
+    return [_sharpness(np.asarray(capture.read()[1])) for _ in range(count)]
 
 
 @lru_cache(maxsize=16)

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 from calibrant.errors import InputError
 from calibrant.tasks.inputs.by_side import SIDES
-from calibrant.tasks.inputs.image_pairs import ImagePairs, paired_images
+from calibrant.tasks.inputs.image_moments import ImageMoments, images_by_moment, matched_images
+from calibrant.tasks.inputs.seen_together import of_camera, together
 from calibrant.tasks.inputs.shared_photos import refuse_shared_photos
 from calibrant.tasks.inputs.sources import Source, kept
 from calibrant.tasks.listener import Listener
@@ -36,14 +37,18 @@ class StereoPictures:
     @cached_property
     def every_file(self) -> dict[str, list[Path]]:
         """All images of each side. Raises: InputError as `Source.files`."""
-        files = {side: source.files() for side, source in self.sources.items()}
+        from calibrant.detection.images.files import expand_together
+
+        for source in self.sources.values():
+            source.check_photos()
+        files = dict(zip(self.sources, expand_together([source.images for source in self.sources.values()])))
         refuse_shared_photos(files, option=lambda side: f"--{side}")
         return files
 
     @cached_property
-    def found(self) -> ImagePairs | None:
+    def found(self) -> ImageMoments | None:
         """The pairs; None for points found before, whose views say their moments."""
-        return paired_images(*self.every_file.values(), rule=self.rule) if self.sources else None
+        return matched_images(self.every_file, rule=self.rule) if self.sources else None
 
     @property
     def paired(self) -> str:
@@ -58,18 +63,9 @@ class StereoPictures:
         """
         if self.found is None:
             return {}
-        left, right = self.every_file.values()
-        rows = [((left[i], SIDES[0]), (right[j], SIDES[1])) for i, j in self.found.pairs]
-        alone = [((left[i], SIDES[0]),) for i in self.found.alone_left]
-        alone += [((right[j], SIDES[1]),) for j in self.found.alone_right]
-        names = [file.name for side in (left, right) for file in side]
+        names = [file.name for files in self.every_file.values() for file in files]
         keep = dict(zip(names, kept(names, self.exclude, what="image")))
-        out: dict[str, dict[Path, str]] = {side: {} for side in SIDES}
-        for number, row in enumerate([*rows, *alone]):
-            if all(keep[file.name] for file, _ in row):
-                for file, side in row:
-                    out[side][file] = f"{number} {row[0][0].stem}"
-        return out
+        return images_by_moment(self.every_file, self.found, keep)
 
     @property
     def inputs(self) -> list[Path]:
@@ -80,20 +76,10 @@ class StereoPictures:
 
     def read(self) -> Observations:
         """What both cameras saw. Raises: InputError, DetectionError."""
-        from calibrant.data import Observations
-        from calibrant.tasks.inputs.sources import Source
-
         if self.observations is not None:
             return _of_two(Source(observations=self.observations).read([]), self.observations)
-        parts = [_of_side(self.sources[side].read(list(files)), side, files) for side, files in self.moments.items()]
-        specs = {part.target for part in parts}
-        return Observations(
-            tuple(v for part in parts for v in part.views),
-            {side: size for part in parts for side, size in part.image_sizes.items()},
-            specs.pop() if len(specs) == 1 else None,
-            tuple(m for part in parts for m in part.missed),
-            tuple(dict.fromkeys(n for part in parts for n in part.notes)),
-        )
+        parts = [of_camera(self.sources[side].read(list(files)), side, files) for side, files in self.moments.items()]
+        return together(parts)
 
     def look_again(self, found: Observations, cameras: Mapping[str, Camera]) -> Observations:
         """The observations with the corners that known cameras help to find; itself where none was found."""
@@ -107,15 +93,6 @@ class StereoPictures:
             return found
         views = tuple(v for side in SIDES for v in more.get(side, found.of_camera(side)).views)
         return replace(found, views=views)
-
-
-def _of_side(found: Observations, side: str, moments: Mapping[Path, str]) -> Observations:
-    """One camera's views under its name and their moments."""
-    by_file = {str(file): moment for file, moment in moments.items()}
-    size = next(iter(found.image_sizes.values()))
-    views = tuple(replace(v, camera=side, moment=by_file.get(v.file or "", v.id)) for v in found.views)
-    missed = tuple(replace(m, camera=side) for m in found.missed)
-    return replace(found, views=views, image_sizes={side: size}, missed=missed)
 
 
 def _of_two(found: Observations, file: Path) -> Observations:

@@ -15,6 +15,8 @@ from calibrant.reading.files import open_file
 from calibrant.tasks.listener import SILENT, Listener
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from calibrant.data import CalibrationResult, Observations
     from calibrant.detection.subpixel.refinement import Refinement
 
@@ -69,13 +71,14 @@ def detect_boards(
     target: str,
     *,
     mirror_x: bool,
-    workers: int | str | None,
+    workers: int | str | Executor | None,
     cache: str | None = None,
     camera: str = "camera",
     refinement: Refinement | None = None,
     listener: Listener = SILENT,
+    beside: Sequence[str] = (),
 ) -> Observations:
-    """Find the target in every file, with progress. Args: cache: as `cache_folder` takes it."""
+    """Find the target in every file, with progress. Args: cache: as `cache_folder` takes it; beside: as `detect`."""
     from calibrant.compiled_beside import compiled_beside
     from calibrant.detection import detect
     from calibrant.detection.subpixel.refinement import DEFAULT
@@ -97,6 +100,7 @@ def detect_boards(
                 cache=cache_folder(cache),
                 refinement=refinement or DEFAULT,
                 progress=step,
+                beside=beside,
             )
         if other.runs:
             with listener.status(_LOADING):

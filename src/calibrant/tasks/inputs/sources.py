@@ -14,6 +14,8 @@ from calibrant.tasks.options.images import CornerOptions, PhotoOptions, PointsOp
 from calibrant.tasks.options.words import split_names
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from calibrant.cameras import Camera
     from calibrant.data import Observations
     from calibrant.detection.subpixel.refinement import Refinement
@@ -32,6 +34,8 @@ class Source:
     search: SearchOptions = SearchOptions()
     refinement: Refinement | None = None
     listener: Listener = SILENT
+    beside: tuple[str, ...] = ()
+    """Other boards that the photos show too."""
 
     @classmethod
     def of(
@@ -66,6 +70,11 @@ class Source:
         if self.observations is not None:
             self._check_file_alone()
             return []
+        self.check_photos()
+        return [f for f, k in self.every_file() if k]
+
+    def check_photos(self) -> None:
+        """Raises: InputError where no photos are named, or no board, or one that is none."""
         if not self.images:
             after = " (words after --exclude or --fix, up to the next option, are its values: put the images first)"
             raise InputError(
@@ -77,7 +86,6 @@ class Source:
         from calibrant.targets.registry import parse_target
 
         parse_target(self.target)  # a misspelt board is said before anything else is looked at
-        return [f for f, k in self.every_file() if k]
 
     def every_file(self) -> list[tuple[Path, bool]]:
         """All photos that are named, and whether each is kept. Raises: InputError as `files`."""
@@ -87,17 +95,21 @@ class Source:
         files = expand(list(self.images))
         return list(zip(files, kept(list(distinct_names(files).values()), self.exclude, what="image")))
 
-    def read(self, files: Sequence[Path]) -> Observations:
-        """The observations: of `files`, which `files()` gave, or of the file of points. Raises: InputError."""
+    def read(self, files: Sequence[Path], *, executor: Executor | None = None) -> Observations:
+        """The observations: of `files`, which `files()` gave, or of the file of points. Raises: InputError.
+
+        executor: where several sources are searched by one; else as the options say.
+        """
         if self.observations is None:
             return session.detect_boards(
                 files,
                 self.target or "",
                 mirror_x=self.search.mirror_x,
-                workers=self.search.workers,
+                workers=executor or self.search.workers,
                 cache=self.search.cache,
                 refinement=self.refinement,
                 listener=self.listener,
+                beside=self.beside,
             )
         from calibrant.data.result_file import read_observations
 

@@ -73,6 +73,20 @@ class PairSearchOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
+class RigSearchOptions:
+    """Which images of the cameras of a rig are searched, and where the work is done."""
+
+    mirror: Annotated[tuple[str, ...], Option("NAMES")] = ()
+    """Cameras that deliver mirror images: flip them left to right."""
+    exclude: Annotated[tuple[str, ...], Option("NAMES")] = ()
+    """Images to leave out, by file name (of videos by frame number), each with those of its moment."""
+    workers: Annotated[str | int | None, Option("N")] = None
+    """Processes that detect, or a Dask scheduler's address: tcp://HOST:PORT."""
+    cache: Annotated[str | None, Option("DIR")] = None
+    """Keep what was detected in this folder (else in the user's cache folder); none: keep nothing."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class CornerOptions:
     """How corners are measured."""
 

@@ -12,7 +12,7 @@ that the carrier makes tells them, T_root_carrier X T_camera_target^-1 = Z: the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -158,10 +158,14 @@ def _require_all(layout: Layout, placed: _Placed, seen: Sequence[_Seen]) -> None
     """Raises: RefusedError naming what is not tied to the rest."""
     apart = [c for c in layout.cameras if c not in placed.cameras]
     if apart:
-        rest = ", ".join(placed.cameras)
+        groups = _tied(apart, seen)
+        asked = " and such in which ".join(
+            f"{_most_seen(placed.cameras, seen)} and {_most_seen(group, seen)} both see the board" for group in groups
+        )
         raise RefusedError(
-            f"the rig falls apart: {', '.join(apart)} saw the target at no moment together with {rest}; "
-            "take pictures in which both see the board, or check that simultaneous views carry the same moment"
+            f"the rig falls apart: {', '.join(apart)} saw the target at no moment together with "
+            f"{', '.join(placed.cameras)}; take pictures in which {asked}, or check that simultaneous views carry the "
+            "same moment"
         )
     loose = [s.target for s in seen if s.target not in placed.targets]
     if loose:
@@ -170,3 +174,20 @@ def _require_all(layout: Layout, placed: _Placed, seen: Sequence[_Seen]) -> None
             f"{', '.join(dict.fromkeys(loose))} was seen at no moment together with {carrier}, which it is fixed to; "
             "take pictures in which both are seen, or in which cameras see them at once while they turn"
         )
+
+
+def _tied(cameras: Sequence[str], seen: Sequence[_Seen]) -> list[list[str]]:
+    """The cameras in groups that moments tie."""
+    groups: list[tuple[list[str], set[Moment]]] = []
+    for camera in cameras:
+        moments = {m for s in seen if s.camera == camera for m in s.poses}
+        mine = [g for g in groups if g[1] & moments]
+        joined = [c for g in mine for c in g[0]]
+        groups = [g for g in groups if g not in mine]
+        groups.append(([*joined, camera], moments.union(*(g[1] for g in mine))))
+    return [group for group, _ in groups]
+
+
+def _most_seen(cameras: Collection[str], seen: Sequence[_Seen]) -> str:
+    """Of these cameras the one that saw targets most often."""
+    return max(cameras, key=lambda c: sum(len(s.poses) for s in seen if s.camera == c))

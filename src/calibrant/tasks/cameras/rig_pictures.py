@@ -1,0 +1,160 @@
+"""The images of a rig's cameras: matched by their moments, every camera searched for every board by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from calibrant.errors import DetectionError, InputError
+from calibrant.tasks.inputs.image_moments import ImageMoments, images_by_moment, matched_images
+from calibrant.tasks.inputs.moment_times import moment_times
+from calibrant.tasks.inputs.seen_together import of_camera, together
+from calibrant.tasks.inputs.shared_photos import refuse_shared_photos
+from calibrant.tasks.inputs.sources import Source, kept
+from calibrant.tasks.listener import Listener
+from calibrant.tasks.options.images import CornerOptions, RigSearchOptions, SearchOptions
+from calibrant.tasks.options.words import split_names
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from calibrant.cameras import Camera
+    from calibrant.data import Observations
+
+ONLY_BOARD = "target"
+"""The name of a board that was given none."""
+
+
+@dataclass(frozen=True, eq=False)
+class RigPictures:
+    """images: of each camera by name; specs: by camera, the spec of every board it is searched for, by the board's
+    name; observations: a file of points of all cameras instead; fps: pictures a second, where it is said."""
+
+    images: Mapping[str, tuple[str, ...]]
+    specs: Mapping[str, Mapping[str, str]]
+    observations: Path | None
+    rule: str
+    fps: float | None
+    search: RigSearchOptions
+    corners: CornerOptions
+    listener: Listener
+
+    @cached_property
+    def files(self) -> dict[str, list[Path]]:
+        """All images of each camera. Raises: InputError for boards that are none, no images, shared ones."""
+        from calibrant.detection.images.files import expand_together
+
+        for camera, boards in self.specs.items():
+            for spec in boards.values():
+                Source(images=self.images[camera], target=spec).check_photos()
+        files = dict(zip(self.images, expand_together(list(self.images.values()))))
+        refuse_shared_photos(files, option=lambda name: f"--images {name}=…")
+        return files
+
+    @cached_property
+    def found(self) -> ImageMoments | None:
+        """The moments; None for points found before, whose views say theirs, and for one camera alone."""
+        return matched_images(self.files, rule=self.rule) if len(self.images) > 1 else None
+
+    @cached_property
+    def moments(self) -> dict[str, dict[Path, str]]:
+        """By camera, the moment of every image that is kept: one of which an image is excluded goes whole.
+
+        Raises: InputError for names to exclude that are not there, or when nothing stays.
+        """
+        if self.observations is not None:
+            return {}
+        names = sorted({file.name for files in self.files.values() for file in files})
+        keep = dict(zip(names, kept(names, split_names(self.search.exclude), what="image")))
+        if self.found is None:
+            return {c: {f: f.name for f in files if keep[f.name]} for c, files in self.files.items()}
+        return images_by_moment(self.files, self.found, keep)
+
+    @property
+    def matched(self) -> str:
+        """How images were matched, in words; empty where they were not."""
+        return "" if self.observations is not None or self.found is None else self.found.words
+
+    @property
+    def times(self) -> dict[str, float]:
+        """Seconds by moment; empty where nothing tells them. Raises: InputError as `moment_times`."""
+        if self.observations is not None or self.found is None:
+            return {}
+        return moment_times(self.files, self.found, fps=self.fps)
+
+    @property
+    def inputs(self) -> list[Path]:
+        """Every file that is read: of frames their video."""
+        if self.observations is not None:
+            return [self.observations]
+        from calibrant.detection.images.files import frame_of
+
+        used = [file for files in self.moments.values() for file in files]
+        return list(dict.fromkeys(place[0] if (place := frame_of(file)) else file for file in used))
+
+    def read(self) -> dict[str, Observations]:
+        """What the cameras saw of each board, by its name. Raises: InputError, DetectionError naming the camera."""
+        from calibrant.executors import executor_for
+
+        if self.observations is not None:
+            return {ONLY_BOARD: self._points_of(self.observations)}
+        parts: dict[str, list[Observations]] = {}
+        with executor_for(self.search.workers, sum(map(len, self.moments.values()))) as executor:
+            for camera, moments in self.moments.items():
+                for board, seen in self._read_camera(camera, moments, executor).items():
+                    parts.setdefault(board, []).append(seen)
+        return {board: together(parts[board]) for board in next(iter(self.specs.values())) if board in parts}
+
+    def _read_camera(
+        self, camera: str, moments: Mapping[Path, str], executor: Executor | None
+    ) -> dict[str, Observations]:
+        """What a camera saw of the boards that it saw; an image that shows one of them is not missed."""
+        found: dict[str, Observations] = {}
+        none: list[str] = []
+        for board, spec in self.specs[camera].items():
+            try:
+                seen = self._source(camera, spec).read(list(moments), executor=executor)
+            except DetectionError as error:
+                none.append(str(error) if len(self.specs[camera]) == 1 else f"{board}: {error}")
+                continue
+            found[board] = of_camera(seen, camera, moments)
+        if not found:
+            raise DetectionError(f"camera {camera}: {'; '.join(none)}")
+        shown = {v.file for seen in found.values() for v in seen.views}
+        first = next(iter(found))
+        return {
+            board: replace(seen, missed=tuple(m for m in seen.missed if board == first and m.file not in shown))
+            for board, seen in found.items()
+        }
+
+    def look_again(
+        self, found: Mapping[str, Observations], cameras: Mapping[str, Camera]
+    ) -> Mapping[str, Observations]:
+        """The observations with the corners that known cameras help to find; itself where none was found."""
+        out = dict(found)
+        for board, seen in found.items():
+            for camera in seen.image_sizes if self.images else ():
+                mine = seen.of_camera(camera)
+                again = self._source(camera, self.specs[camera][board]).look_again(mine, cameras[camera])
+                if again is not mine:
+                    others = tuple(v for v in out[board].views if v.camera != camera)
+                    out[board] = replace(out[board], views=(*others, *again.views))
+        return found if all(out[board] is seen for board, seen in found.items()) else out
+
+    def _source(self, camera: str, spec: str) -> Source:
+        search = SearchOptions(
+            mirror_x=camera in split_names(self.search.mirror), workers=self.search.workers, cache=self.search.cache
+        )
+        beside = tuple(other for other in self.specs[camera].values() if other != spec)
+        return Source(
+            target=spec, search=search, refinement=self.corners.refinement(), listener=self.listener, beside=beside
+        )
+
+    def _points_of(self, file: Path) -> Observations:
+        found = Source(observations=file).read([])
+        if len(found.image_sizes) < 2:
+            raise InputError(f"{file} holds views of {', '.join(found.image_sizes)} alone; a rig takes two cameras")
+        return found

@@ -17,6 +17,7 @@ from calibrant.calibrate.review.review import MOMENTS
 from calibrant.calibrate.solvers.motion import MotionReport
 from calibrant.data import Check, Measured, SigmaRobot, TransformEstimate, ViewResult
 from calibrant.data.details import CameraClock, CameraClocks
+from calibrant.optimize.clusters import LEAST_CLUSTERS
 from calibrant.optimize.solution import Solution
 
 if TYPE_CHECKING:
@@ -140,6 +141,8 @@ def shared_moments_check(pairs: Sequence[CameraPair]) -> Check:
     few = weakest.shared < FEW_SHARED_MOMENTS
     if few:
         text += f"; {FEW_SHARED_MOMENTS} or more make it reliable"
+    if weakest.shared < LEAST_CLUSTERS:
+        text += ", and so few do not tell what the pictures of a moment err alike by: sigma holds nothing of it"
     return Check("shared-moments", "warn" if few else "ok", text, float(weakest.shared))
 
 

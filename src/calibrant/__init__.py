@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from calibrant.tasks.verbs import depth as depth
     from calibrant.tasks.verbs import doctor as doctor
     from calibrant.tasks.verbs import dynamic as dynamic
+    from calibrant.tasks.verbs import epipolar as epipolar
     from calibrant.tasks.verbs import hand_eye as hand_eye
     from calibrant.tasks.verbs import intrinsics as intrinsics
     from calibrant.tasks.verbs import kinematics as kinematics
@@ -98,6 +99,7 @@ _PUBLIC = {
     "demo": ("calibrant.tasks.verbs", "demo"),
     "capture": ("calibrant.tasks.verbs", "capture"),
     "geometry": ("calibrant.geometry", ""),
+    "epipolar": ("calibrant.tasks.verbs", "epipolar"),
     "hand_eye": ("calibrant.tasks.verbs", "hand_eye"),
     "intrinsics": ("calibrant.tasks.verbs", "intrinsics"),
     "kinematics": ("calibrant.tasks.verbs", "kinematics"),

@@ -135,6 +135,19 @@ def _depth(files: Files) -> Options:
     }
 
 
+def _epipolar(files: Files) -> Options:
+    """Matches of two cameras a board's length apart."""
+    rng = np.random.default_rng(5)
+    camera = cb.read(files.camera).camera
+    X = rng.uniform([-0.3, -0.2, 0.8], [0.3, 0.2, 1.6], (60, 3))
+    uv = np.concatenate([camera.project(X), camera.project(X - [0.1, 0.0, 0.02])], axis=1)
+    table = files.folder / "matches.csv"
+    lines = ["u_left,v_left,u_right,v_right", *(",".join(map(repr, row)) for row in uv.tolist())]
+    table.write_text("\n".join(lines))
+    left, right = (files.images / f"0{i}.png" for i in (0, 1))
+    return {"left": left, "right": right, "matches": table, "camera": [files.camera], "baseline": "102mm"}
+
+
 def _rectify(files: Files) -> Options:
     left, right = ([files.images / f"0{i}.png"] for i in (0, 1))
     out = files.folder / "rectified"
@@ -197,6 +210,7 @@ CASES: Mapping[str, Callable[[Files], Options]] = {
     "capture": _capture,
     "point": _point,
     "rectify": _rectify,
+    "epipolar": _epipolar,
     "depth": _depth,
     "projector calibrate": _projector_calibrate,
     "undistort": _undistort,

@@ -38,6 +38,7 @@ from calibrant.data.details import (
     Changes,
     Deviations,
     EpipolarErrors,
+    EpipolarMatrices,
     Expectation,
     Fault,
     Faults,
@@ -147,6 +148,7 @@ def details() -> tuple[object, ...]:
                 ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
             ),
         ),
+        EpipolarMatrices(((1.0, 0.0, 0.0), (0.0, 1 / 3, 0.0), (0.0, 0.0, 2.0))),
         PointedSpot("m", (1e-6, 1 / 3e7, 2e-6), {"left": (1 / 3, 2.0), "right": (3.0, 4.5)}),
         StereoGeometry("left", "right", TURNED, (1 / 3, 0.0, -0.1), TURNED, TURNED),
         EpipolarErrors(

@@ -15,6 +15,7 @@ from calibrant.data.details_rig import CameraClock as CameraClock
 from calibrant.data.details_rig import CameraClocks as CameraClocks
 from calibrant.data.details_rig import SharedMoments as SharedMoments
 from calibrant.data.details_stereo import EpipolarErrors as EpipolarErrors
+from calibrant.data.details_stereo import EpipolarMatrices as EpipolarMatrices
 from calibrant.data.details_stereo import PairErrors as PairErrors
 from calibrant.data.details_stereo import StereoGeometry as StereoGeometry
 from calibrant.data.details_stereo import TriangulatedEdges as TriangulatedEdges
@@ -378,6 +379,7 @@ DETAILS: Mapping[str, type] = {
     "epipolar": EpipolarErrors,
     "edges": TriangulatedEdges,
     "rectified_pair": RectifiedPair,
+    "epipolar_matrices": EpipolarMatrices,
     "projector_captures": ProjectorCaptures,
     "scan": ScanSummary,
 }

@@ -62,3 +62,11 @@ class TriangulatedEdges:
     rms_mm: float
     mean_mm: float
     length_mm: float
+
+
+@dataclass(frozen=True)
+class EpipolarMatrices:
+    """Of two pictures: F, u_right^T F u_left = 0 for their pixels, and E, r_right^T E r_left = 0 for rays; norm 1."""
+
+    F: Matrix | None = None
+    E: Matrix | None = None

@@ -63,6 +63,7 @@ TASKS = {
     "undistort": Entry("cameras.undistort", "Undistort photos.", ("json",), judged=False),
     "rectify": Entry("stereo.rectify", "Rectify pairs of pictures: matches then share a row.", ("report", "json")),
     "depth": Entry("stereo.depth", "Measure the depth of what two pictures show."),
+    "epipolar": Entry("stereo.epipolar", "Find how two pictures see each other, from what both show."),
     "point": Entry("stereo.point", "Find the spot that a pointer points at, seen by two uncalibrated cameras."),
     "study methods": Entry(
         "studies.methods",

@@ -270,6 +270,18 @@ def depth(
     principal: str = "equal",
     force: bool = False,
 ) -> CalibrationResult: ...
+def epipolar(
+    *,
+    left: str | Path,
+    right: str | Path,
+    camera: Words = (),
+    stereo: str | Path | None = None,
+    matches: str | Path | None = None,
+    sigma_px: str = "0.5px",
+    baseline: str | None = None,
+    drawing: str | Path | None = None,
+    force: bool = False,
+) -> CalibrationResult: ...
 def point(
     *,
     left: str | Path | None = None,

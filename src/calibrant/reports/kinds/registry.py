@@ -23,7 +23,7 @@ from calibrant.reports.kinds import (
     undistorted,
     vanishing,
 )
-from calibrant.reports.kinds.eyes import depth, pointing, projector, rectified
+from calibrant.reports.kinds.eyes import depth, epipolar, pointing, projector, rectified
 from calibrant.reports.parts.kind import Kind
 from calibrant.reports.parts.phrases import first_transform, placed
 
@@ -43,6 +43,7 @@ KINDS: Mapping[str, Kind] = {
     "vanishing": vanishing.KIND,
     "undistorted": undistorted.KIND,
     "rectified": rectified.KIND,
+    "epipolar": epipolar.KIND,
     "depth": depth.KIND,
     "unchanged": unchanged.KIND,
     "observations": observations.KIND,

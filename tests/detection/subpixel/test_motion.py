@@ -11,6 +11,8 @@ from calibrant.detection.chessboard.detector import ChessboardDetector
 from calibrant.detection.detection import Detection
 from calibrant.detection.images.moved import notes_on_motion
 from calibrant.detection.registry import detector_for
+from calibrant.detection.subpixel import saddle
+from calibrant.detection.subpixel.first_stretch import first_stretches
 from calibrant.detection.subpixel.motion import common_stretch
 from calibrant.detection.subpixel.moved_edges import linearise_moved
 from calibrant.geometry import se3, so3
@@ -59,6 +61,28 @@ def test_jacobian_of_the_moved_corner_against_central_differences(stretch: tuple
             ends.append(at)
         # Step and bell are polynomials good to 3e-6, their slopes to 2e-4: of a contrast of 80, over 3.5 deviations.
         np.testing.assert_allclose((ends[1] - ends[0]) / (2 * step), J[k], atol=1e-3 * np.abs(J[k]).max() + 0.06)
+
+
+@pytest.mark.parametrize("length", [0.0, 2.0, 4.0])
+def test_the_first_step_is_where_the_fit_ends(length: float) -> None:
+    rng = np.random.default_rng(3)
+    T = se3.make(so3.exp(np.array([0.2, -0.3, 0.1])), np.array([-0.1, -0.06, 0.5]))
+    look = Look(clutter=0, noise_grey=3.0, motion_px=(0.8 * length, -0.6 * length))
+    grey = render(BOARD.artwork(), CAMERA, T, rng=rng, look=look)
+    true = CAMERA.project(se3.apply(T, BOARD.points)).reshape(6, 9, 2)
+    uv = true[1:-1, 1:-1].reshape(-1, 2)
+    steps = np.concatenate([(true[1:-1, 2:] - true[1:-1, 1:-1]), (true[2:, 1:-1] - true[1:-1, 1:-1])], axis=2)
+    steps, dark = steps.reshape(-1, 4), np.add.outer(np.arange(4), np.arange(7)).ravel() % 2 == 0
+    options = {"radius_px": 6.0, "blur_px": 1.0, "zero_zone_px": 0.0}
+    fitted, sigma, _ = saddle.fit(grey, uv, steps, dark, **options)
+    assert np.isfinite(sigma[:, 0]).all()
+    begin = np.hstack([fitted, np.zeros((len(uv), 2))])
+    ends = saddle.fit(grey, uv, steps, dark, **options, begin=begin)[0][:, -2:]
+    first = first_stretches(grey, fitted, uv, steps, radius_px=6.0, zero_zone_px=0.0)
+    away = np.hypot(*(first - ends).T)
+    # To a tenth; and to what noise of 3 grey levels leaves of either, a few hundredths.
+    assert np.all(away < 0.03 + 0.15 * np.hypot(*ends.T)), (first, ends)
+    assert np.isnan(first_stretches(grey, fitted, uv, 0.1 * steps, radius_px=6.0, zero_zone_px=0.0)).all()
 
 
 def test_a_stretch_is_motion_where_all_corners_share_it() -> None:

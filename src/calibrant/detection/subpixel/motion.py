@@ -1,10 +1,11 @@
 """Corners of pictures taken on the move: less certain along the motion than across it.
 
 Edges across the motion are smeared, those along it are not: a corner of such a picture is known worse one way than the
-other, and a model of blur alike to all sides finds neither where it is nor how certain. So a few corners are fitted
-with a blur that may be wider along a direction (`moved_edges`); where they share one, all are. The covariance of a
-corner is then the fit's, variance (J^T J)^-1, each edge's share of it times what the misfits of that edge's pieces do
-beyond noise (`robust_variance`), for a smear is no Gaussian and its misfit stands on the smeared edge alone.
+other, and a model of blur alike to all sides finds neither where it is nor how certain. So a few corners are asked
+whether a blur that is wider along a direction would fit them better (`first_stretch`); where they nearly share one,
+they are fitted with it (`moved_edges`); where they do share one, all are. The covariance of a corner is then the fit's,
+variance (J^T J)^-1, each edge's share of it times what the misfits of that edge's pieces do beyond noise
+(`robust_variance`), for a smear is no Gaussian and its misfit stands on the smeared edge alone.
 
 A picture that turned about its middle shares no direction, and is fitted as one at rest.
 """
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from calibrant.arrays import Array, Grey
 from calibrant.detection.subpixel import saddle
+from calibrant.detection.subpixel.first_stretch import first_stretches
 from calibrant.detection.subpixel.refined import WINDOWS_OF_BLUR, Refined, Zone
 from calibrant.detection.subpixel.robust_variance import variance_ratio
 
@@ -25,6 +27,9 @@ LOOK_AT, LEAST_SEEN = 9, 5
 """Corners looked at before all are fitted anew, and those that it takes to say more than what chance does."""
 CHANCE = 1e-3
 """That a picture at rest is taken for a moved one: its corners then have a model of more freedom than they need."""
+NEARLY = 0.5
+"""Of STRETCH, and of the logarithm of CHANCE, from where corners are fitted to see: a first step says both to a tenth
+where they are that small."""
 STRETCH = 0.25
 """Of rho, from where blur counts as wider along one direction: edges across it are then e^0.25 = 1.3 times as wide as
 those along it, and deviations, which grow as the root of an edge's width, differ by an eighth: no more than one number
@@ -45,9 +50,12 @@ def refine(
     fitted, *more = saddle.fit(grey, uv, steps, dark, radius_px=radius_px, blur_px=blur_px, zero_zone_px=zero_zone_px)
     still = saddle.refined(fitted, *more)
     there = np.flatnonzero(still.converged)
-    if not len(there):
+    if len(there) < LEAST_SEEN:
         return still
-    some = there[np.unique(np.linspace(0, len(there) - 1, LOOK_AT).round().astype(np.int64))]
+    some = there[np.linspace(0, len(there) - 1, min(LOOK_AT, len(there))).round().astype(np.int64)]
+    first = first_stretches(grey, fitted[some], uv[some], steps[some], radius_px=radius_px, zero_zone_px=zero_zone_px)
+    if common_stretch(first[np.isfinite(first[:, 0])], share=NEARLY) is None:
+        return still
 
     def stretched(which: NDArray[np.int64], stretch: tuple[float, float]) -> tuple[Array, Array, Array]:
         begin = np.hstack([fitted[which], np.tile(stretch, (len(which), 1))])
@@ -67,8 +75,10 @@ def refine(
     return replace(moved, smeared=2 * int(np.count_nonzero(beyond)) > len(beyond))
 
 
-def common_stretch(found: Array) -> tuple[float, float] | None:
+def common_stretch(found: Array, *, share: float = 1.0) -> tuple[float, float] | None:
     """d and o of a picture that moved, from those of some of its corners (n, 2); None for one that did not.
+
+    share: of STRETCH, and of the logarithm of CHANCE, that it takes.
 
     Bent edges, print and compression give every corner a stretch of its own; motion gives all the same. With m their
     mean, s^2 their variance per axis and nu = 2 (n - 1), as large a mean comes by chance with the probability
@@ -80,7 +90,8 @@ def common_stretch(found: Array) -> tuple[float, float] | None:
     mean, nu = found.mean(axis=0), 2 * (n - 1)
     variance = max(float(np.sum((found - mean) ** 2)) / nu, np.finfo(float).tiny)
     chance = -0.5 * nu * np.log1p(n * float(mean @ mean) / (nu * variance))
-    return (float(mean[0]), float(mean[1])) if np.hypot(*mean) > STRETCH and chance < np.log(CHANCE) else None
+    there = np.hypot(*mean) > share * STRETCH and chance < share * np.log(CHANCE)
+    return (float(mean[0]), float(mean[1])) if there else None
 
 
 def _of_moved(still: Refined, there: NDArray[np.int64], found: Array, spread: Array, pieces: Array) -> Refined:

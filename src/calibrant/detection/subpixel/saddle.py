@@ -214,7 +214,7 @@ def _aliased(p, left_a, left_b):  # type: ignore[no-untyped-def]
 
 
 @compiled_part("int64(uint8[:, ::1], float64[::1], float64[::1], float64, float64[::1], float64[:, ::1])")
-def _window(grey, centre, step, radius, zero, window):  # type: ignore[no-untyped-def]
+def window_around(grey, centre, step, radius, zero, window):  # type: ignore[no-untyped-def]
     """Fills u, v and grey (3, count) of the pixels within the window around a centre; returns their count."""
     h, w = grey.shape
     det = step[0] * step[3] - step[1] * step[2]
@@ -338,7 +338,7 @@ def _fit(grey, uv, steps, dark, radius, blur, begin, zero):  # type: ignore[no-u
         sigma[i, 0], sigma[i, 1], p, step = np.inf, np.inf, fitted[i], steps[i]
         for k in range(m):
             p[k] = 0.0
-        count = _window(grey, uv[i], step, radius, zero, pixels)
+        count = window_around(grey, uv[i], step, radius, zero, pixels)
         if count < LEAST_PIXELS + 3 * (m - PARAMETERS):
             p[0], p[1] = uv[i, 0], uv[i, 1]
             continue

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from calibrant.calibrate.cell.problem.joint_offsets import JointReadings as JointReadings
     from calibrant.calibrate.cell.problem.layout import Pictures as Pictures
     from calibrant.calibrate.cell.problem.layout import TargetPoses as TargetPoses
+    from calibrant.calibrate.cell.problem.touches import Touches as Touches
     from calibrant.calibrate.cell.rig import calibrate_rig as calibrate_rig
     from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics as calibrate_intrinsics
     from calibrant.calibrate.stereo.calibrate import calibrate_stereo as calibrate_stereo
@@ -79,6 +80,7 @@ _PUBLIC = {
     "Observations": ("calibrant.data", "Observations"),
     "RefusedError": ("calibrant.errors", "RefusedError"),
     "Pictures": ("calibrant.calibrate.cell.problem.layout", "Pictures"),
+    "Touches": ("calibrant.calibrate.cell.problem.touches", "Touches"),
     "RobotPoses": ("calibrant.data", "RobotPoses"),
     "TargetPoses": ("calibrant.calibrate.cell.problem.layout", "TargetPoses"),
     "View": ("calibrant.data", "View"),

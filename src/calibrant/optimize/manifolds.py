@@ -183,6 +183,23 @@ class SE3(Manifold):
         return " with ".join(phrases) or super().describe(direction, share)
 
 
+@dataclass(frozen=True)
+class Position(SE3):
+    """Rigid transforms of which only the position moves: a point in its parent's axes, T = (I, p)."""
+
+    @property
+    def free_names(self) -> tuple[str, ...]:
+        return ("x", "y", "z")
+
+    def basis(self, values: Array) -> Array | None:
+        return np.eye(6)[:, 3:][None]
+
+    def retract(self, values: Array, free: Array) -> Array:
+        moved = values.copy()
+        moved[:, :3, 3] += free
+        return moved
+
+
 def _axis_name(direction: Array) -> str:
     """An axis by its letter when it is one within 5 degrees, else as a unit vector."""
     unit = direction / max(float(np.linalg.norm(direction)), 1e-300)

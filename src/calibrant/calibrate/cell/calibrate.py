@@ -35,6 +35,7 @@ from calibrant.calibrate.cell.problem.layout import (
     layout,
 )
 from calibrant.calibrate.cell.problem.problem import Cell
+from calibrant.calibrate.cell.problem.touches import Touches
 from calibrant.calibrate.cell.problem.unused import with_unused
 from calibrant.calibrate.cell.problem.views import (
     FEWEST_POINTS,
@@ -97,6 +98,7 @@ def calibrate_cell(
     fix: FixForEach = (),
     robot_accuracy: Mapping[str, Accuracy] | Accuracy | None = None,
     rigid: Sequence[Sequence[str]] = (),
+    touches: Sequence[Touches] = (),
 ) -> CalibrationResult:
     """Find where all cameras, targets and robots are, from one weighted problem.
 
@@ -109,6 +111,8 @@ def calibrate_cell(
     too. robot_accuracy: how far the flange is off, rms, of the robot or by robot: metres, "0.3mm", or "0.3mm,0.02deg";
     errors of its geometry are then in every sigma. rigid: names of handheld targets that are fixed to each other, group
     by group: cameras that never see the same one at once are tied through them, and one camera measures how they stand.
+    touches: poses at which the tips of tools are on points of targets, or on points that nobody knows: each tip, and
+    what it touches, is found with the rest.
     Returns a result of kind "hand-eye" with a transform a camera, its
     `joint_covariance` over all transforms, and T_a_b of every two cameras on the same body.
     Raises: InputError for unusable input; RefusedError naming what the pictures do not determine, or contradict.
@@ -132,11 +136,13 @@ def calibrate_cell(
         fix=fix,
         accuracies=told,
         rigid=rigid,
+        touches=touches,
     )
     asked = lenses_asked(fix, initial)
     asked |= {"identify": list(identify)} if fit.cell.free else {}
     asked |= accuracies_asked(told)
     asked |= {"rigid": [list(group) for group in rigid]} if rigid else {}
+    asked |= {"touches": [repr(t) for t in touches]} if touches else {}
     return judged_cell(fit, asked)
 
 
@@ -179,6 +185,7 @@ def fit_cell(
     readout: bool = False,
     rigid: Sequence[Sequence[str]] = (),
     same_focal: tuple[()] | tuple[str, str] = (),
+    touches: Sequence[Touches] = (),
 ) -> CellFit:
     """The fit behind `calibrate_cell`; arguments and errors as there. reference: the root camera of a rig; together:
     cameras that their own views need not determine (`LensChoice`); times, time_offsets, readout: as `calibrate_rig` has
@@ -187,7 +194,7 @@ def fit_cell(
     expect(pictures, (list, tuple), "pictures", "a list of Pictures, one for each camera, robot and setup")
     for one in pictures:
         expect(one, Pictures, "one of pictures", "Pictures")
-    where = layout(robots, _with_own_ids(pictures), reference, rigid)
+    where = layout(robots, _with_own_ids(pictures), reference, rigid, touches)
     for name in accuracies or {}:
         if name not in where.robots:
             there = ", ".join(where.robots)
@@ -332,6 +339,11 @@ def _readings(where: Layout, joints: Mapping[str, JointReadings] | JointReadings
         if robot not in where.robots:
             raise InputError(
                 f"joint values of robot {robot!r}, which has no poses; there are {', '.join(where.robots)}"
+            )
+        if any(t.robot == robot for t in where.touches):
+            raise InputError(
+                f"robot {robot!r} has joint values and touches: a touch rests on the pose that the robot reports, "
+                "which joints found anew would change; find the joints from the pictures, then give the poses by them"
             )
         out[robot] = readings.only(where.robots[robot].ids)
     return out

@@ -13,6 +13,7 @@ from calibrant.arrays import Array
 from calibrant.calibrate.cell import checks as questions
 from calibrant.calibrate.cell.certainty.image_causes import no_cause_repeats
 from calibrant.calibrate.cell.certainty.lens import along_with
+from calibrant.calibrate.cell.certainty.touched import touch_checks
 from calibrant.calibrate.cell.certainty.whole import Certainty
 from calibrant.calibrate.cell.certainty_checks import arm_errors_record, certainty_checks, named
 from calibrant.calibrate.cell.checks import LoopDeviations
@@ -164,6 +165,7 @@ def _checks(
         *_loop_checks(cell, start, solution),
         *(together(cell, noise, name) for name in cell.roles if several),
         *rig_checks(cell, start, noise),
+        *touch_checks(cell, noise),
         *_held_out_checks(cell, solution, held, loop),
         *_size_checks(cell, sizes, loop),
         *_image_checks(cell, noise, sizes),

@@ -102,7 +102,9 @@ def with_lens_free(cell: Cell, solution: Solution, camera: str) -> tuple[Cell, S
 
 def _by_all(cell: Cell, solution: Solution, target: str) -> Measured | None:
     """The size of one target with all else free; None where the motions do not tell it."""
-    if cell.layout.rig or not any(p.target == target and (p.movers or p.handheld) for p in cell.layout.pictures):
+    told = any(p.target == target and (p.movers or p.handheld) for p in cell.layout.pictures)
+    told |= any(t.target == target for t in cell.layout.touches)
+    if cell.layout.rig or not told:
         return None
     problem = cell_problem(cell, fitted_places(cell, solution), solution.sigmas, free_sizes=(target,))
     freed = solve(problem, start=nearest_start(problem, solution), options=CLOSE_ENOUGH)

@@ -57,7 +57,7 @@ def _from_positions(forward: Array, p: Array, *, hold_base: bool, hold_tool: boo
     point: Array = np.zeros(3)
     for _ in range(_ROUNDS):
         if not hold_base:
-            base = _procrustes(se3.apply(forward, point), p)
+            base = procrustes(se3.apply(forward, point), p)
         if not hold_tool:
             # p = R_wb (R_i point + t_i) + t_wb: linear in the point.
             R = base[:3, :3] @ forward[:, :3, :3]
@@ -66,7 +66,7 @@ def _from_positions(forward: Array, p: Array, *, hold_base: bool, hold_tool: boo
     return base, se3.make(np.eye(3), point)
 
 
-def _procrustes(a: Array, b: Array) -> Array:
+def procrustes(a: Array, b: Array) -> Array:
     """T (4, 4) with b = T a in the least-squares sense (Arun, Huang, Blostein 1987)."""
     centre_a, centre_b = a.mean(axis=0), b.mean(axis=0)
     R = so3.nearest((b - centre_b).T @ (a - centre_a))

@@ -38,6 +38,9 @@ from calibrant.optimize.chances import f_tail
 
 LEAST_TOUCHES = 4
 """Three poses give 9 equations for 6 unknowns, but one bad touch among three cannot be told from the others."""
+TOUCH_MM = (3.0, 10.0)
+"""Touches that agree to no more than this, 1 sigma per axis: doubtful, and none. A hand guides a tip to a mark within a
+millimetre, and the worst arm stands within two of where it says; ten are poses that do not touch one point."""
 LEAST_SIGHTS = 3
 """Two views give 4 equations for 3 unknowns: a third tells whether they agree."""
 WEAK = 1e-3

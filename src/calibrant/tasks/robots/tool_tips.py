@@ -19,9 +19,6 @@ if TYPE_CHECKING:
 
 ODD = 0.01
 """Chance below which some pose is flagged when all are good: once in a hundred tools."""
-TOUCH_MM = (3.0, 10.0)
-"""Touches that agree to no more than this, 1 sigma per axis: doubtful, and none. A hand guides a tip to a mark within a
-millimetre, and the worst arm stands within two of where it says; ten are poses that do not touch one point."""
 LEVER = 10.0
 """Times the noise of a touch that the tip may be uncertain by: turns of some 6 degrees, where 30 leave two times it."""
 
@@ -99,6 +96,8 @@ def _agreement(tip: ToolTip) -> Check:
             f"; {tip.ids[worst]} is off by {tip.residuals[worst]:.3g} {tip.unit}, at odds with the others: "
             "repeat it, or leave it out"
         )
+    from calibrant.calibrate.tool.tip import TOUCH_MM
+
     if tip.unit == "mm" and tip.sigma > TOUCH_MM[0]:
         text += "" if odd else f", farthest {tip.ids[far]}, {tip.residuals[far]:.3g} mm"
         text += (

@@ -39,9 +39,9 @@ def reads(request: Request) -> list[str]:
 def run(request: Request, listener: Listener = SILENT) -> Outcome:
     """The tip on the flange. Raises: InputError; RefusedError as `tip_by_touch`."""
     from calibrant.calibrate.tool.moved_point import moved_point
-    from calibrant.calibrate.tool.tip import tip_by_touch
+    from calibrant.calibrate.tool.tip import TOUCH_MM, tip_by_touch
     from calibrant.tasks.inputs.pose_choice import best_reading
-    from calibrant.tasks.robots.tool_tips import TOUCH_MM, flange_poses, tip_result
+    from calibrant.tasks.robots.tool_tips import flange_poses, tip_result
 
     raw = request.form.read(request.poses, request.arm)
 

@@ -5,11 +5,15 @@ from __future__ import annotations
 PIXEL, ROBOT_ROTATION, ROBOT_TRANSLATION = "pixel", "robot rotation", "robot translation"
 TARGET_ROTATION, TARGET_TRANSLATION = "target rotation", "target translation"
 JOINTS, SCALE = "joints", "target scale"
+ONLY_ROBOT = "robot"
 
 PHOTO_FLOORS = {PIXEL: 1e-4, ROBOT_ROTATION: 1e-6, ROBOT_TRANSLATION: 1e-7, JOINTS: 1e-6}
 PAIR_FLOORS = {TARGET_ROTATION: 1e-9, TARGET_TRANSLATION: 1e-10, ROBOT_ROTATION: 1e-9, ROBOT_TRANSLATION: 1e-10}
 """Noise worth telling from none, with images and without: pixels, radians, metres. No detector or robot comes within
 100 times of these."""
+
+TOUCH_FLOOR = 1e-7
+"""Metres: as for robots with images."""
 
 
 def pixel_group(camera: str) -> str:

@@ -24,7 +24,9 @@ from functools import cached_property
 import numpy as np
 
 from calibrant.arrays import Array, Indices
+from calibrant.calibrate.cell.problem.groups import ONLY_ROBOT as ONLY_ROBOT
 from calibrant.calibrate.cell.problem.layout_checks import check_layout
+from calibrant.calibrate.cell.problem.touches import Touches
 from calibrant.calibrate.reprojection.links import Link
 from calibrant.data import DEFAULT_CAMERA, Observations, RobotPoses
 from calibrant.errors import InputError
@@ -37,7 +39,7 @@ Frame = tuple[str, str]
 IN_HAND, TO_HAND, STANDING, HAND_TO_HAND = "eye-in-hand", "eye-to-hand", "standing", "hand-to-hand"
 HANDHELD = "handheld"
 ARRANGEMENTS = (IN_HAND, TO_HAND, STANDING, HAND_TO_HAND, HANDHELD)
-ONLY_ROBOT, TARGET = "robot", "target"
+TARGET = "target"
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,13 +154,15 @@ class Layout:
     """The frames of a cell: robots by name, and the pictures taken there.
 
     reference: the camera whose frame is the root where there are no robots; by default the first. rigid: names of
-    handheld targets that are fixed to each other, group by group; the first of a group is the others' carrier.
+    handheld targets that are fixed to each other, group by group; the first of a group is the others' carrier. touches:
+    poses at which tools touch targets, or points.
     """
 
     robots: Mapping[str, RobotPoses]
     pictures: tuple[Pictures, ...]
     reference: str = ""
     rigid: tuple[tuple[str, ...], ...] = ()
+    touches: tuple[Touches, ...] = ()
 
     def __post_init__(self) -> None:
         check_layout(self)
@@ -266,12 +270,32 @@ class Layout:
 
     @cached_property
     def unknown(self) -> tuple[Frame, ...]:
-        """The transforms to be found: cameras, targets, the other robots' bases."""
+        """The transforms to be found: cameras, targets, the other robots' bases, tips and points that they touch."""
         cameras = {(self.camera_parent(p), p.camera): None for p in self.pictures if p.camera != self.root}
         targets = {(self.target_parent(p), self.target(p)): None for p in self.pictures if not p.handheld}
         rigid = [(self._by_hand(group[0]), self._by_hand(name)) for group in self.rigid for name in group[1:]]
         bases = [(self.root, self.base(r)) for r in self.robots if self.base(r) != self.root]
-        return (*cameras, *targets, *rigid, *bases)
+        return (*cameras, *targets, *rigid, *bases, *self.positions)
+
+    @property
+    def positions(self) -> tuple[Frame, ...]:
+        """Those that are a place alone, with their parent's axes: tips, and points that nobody knows."""
+        points = [self.touched(t) for t in self.touches if not t.target]
+        return tuple(dict.fromkeys((*map(self.tip, self.touches), *points)))
+
+    def tip(self, t: Touches) -> Frame:
+        """The tip of these touches."""
+        return self.gripper(t.robot), t.tool
+
+    def touched(self, t: Touches) -> Frame:
+        """What is touched: a target that stands still, or a point."""
+        if not t.target:
+            return self.root, t.point
+        return self.root, self.target(next(p for p in self.pictures if p.target == t.target and self.stands(p)))
+
+    def stands(self, p: Pictures) -> bool:
+        """Whether the target stood still in the root for these pictures."""
+        return not p.handheld and p.target_robot is None
 
     @property
     def handheld(self) -> tuple[Frame, ...]:
@@ -349,12 +373,16 @@ def layout(
     pictures: Sequence[Pictures],
     reference: str = "",
     rigid: Sequence[Sequence[str]] = (),
+    touches: Sequence[Touches] = (),
 ) -> Layout:
     """The layout of a cell. Raises: InputError for names that do not fit, no pictures, no robots where any is named."""
     expect(robots, (RobotPoses, Mapping), "robots", "RobotPoses, or those of each robot by its name")
     named = {ONLY_ROBOT: robots} if isinstance(robots, RobotPoses) else dict(robots)
     for name, poses in named.items():
         expect(poses, RobotPoses, f"the poses of robot {name!r}", "RobotPoses")
+    expect(touches, (list, tuple), "touches", "a list of Touches, one for each tool and what it touches")
+    for t in touches:
+        expect(t, Touches, "one of touches", "Touches")
     if not pictures or not (named or all(p.handheld for p in pictures)):
         raise InputError(
             "nothing to calibrate: give the poses of one robot or more, and the pictures of each camera; cameras "
@@ -363,4 +391,4 @@ def layout(
     cameras = list(dict.fromkeys(p.camera for p in pictures))
     if not named and len(cameras) < 2 and not rigid:
         raise InputError(f"a rig has two cameras or more, the pictures are of {len(cameras)}: {', '.join(cameras)}")
-    return Layout(named, tuple(pictures), reference, tuple(tuple(group) for group in rigid))
+    return Layout(named, tuple(pictures), reference, tuple(tuple(group) for group in rigid), tuple(touches))

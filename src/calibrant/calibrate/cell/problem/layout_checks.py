@@ -33,13 +33,38 @@ def check_layout(layout: Layout) -> None:
                 "only cameras that stand still to each other are tied by it; give the target another name in the "
                 "pictures of one of them"
             )
-    idle = [r for r in layout.robots if all(r not in (p.robot, p.other) for p in layout.pictures)]
+    _check_touches(layout)
+    busy = {t.robot for t in layout.touches} | {r for p in layout.pictures for r in (p.robot, p.other)}
+    idle = [r for r in layout.robots if r not in busy]
     if idle:
         raise InputError(f"no pictures belong to robot {idle[0]!r}; leave its poses out, or name its pictures")
     frames = {*map(layout.base, layout.robots), *map(layout.gripper, layout.robots), *layout.targets}
     clash = set(layout.cameras) & frames
     if clash:
         raise InputError(f"camera {sorted(clash)[0]!r} has the name of another frame; call it otherwise")
+    places = [name for _, name in layout.positions]
+    twice = [n for n in places if n in frames or n in layout.cameras or places.count(n) > 1]
+    if twice:
+        raise InputError(f"the tip or point {twice[0]!r} has the name of another frame; call it otherwise")
+
+
+def _check_touches(layout: Layout) -> None:
+    for t in layout.touches:
+        if t.robot not in layout.robots:
+            there = ", ".join(layout.robots)
+            raise InputError(f"touches with {t.tool}: no poses of robot {t.robot!r}; there are {there or 'none'}")
+        known = set(layout.robots[t.robot].ids)
+        lost = [i for i in t.ids if i not in known]
+        if lost:
+            raise InputError(
+                f"touches with {t.tool}: no pose of robot {t.robot!r} for {len(lost)} of {len(t.ids)}, the first is "
+                f"{lost[0]!r}; the poses of touches belong to the robot's poses, under their own ids"
+            )
+        if t.target and not any(p.target == t.target and layout.stands(p) for p in layout.pictures):
+            raise InputError(
+                f"touches with {t.tool}: no pictures show target {t.target!r} standing still; touch a target that "
+                "cameras see, or a point"
+            )
 
 
 def _check_by_hand(layout: Layout) -> None:

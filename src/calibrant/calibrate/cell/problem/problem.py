@@ -31,6 +31,7 @@ from calibrant.calibrate.cell.problem.groups import (
     ROBOT_TRANSLATION,
     TARGET_ROTATION,
     TARGET_TRANSLATION,
+    TOUCH_FLOOR,
     errors_variable,
     extra_variable,
     geometry_variable,
@@ -54,6 +55,7 @@ from calibrant.calibrate.cell.problem.layout import (
 )
 from calibrant.calibrate.cell.problem.pose_pairs import MeasuredRotation, MeasuredTranslation
 from calibrant.calibrate.cell.problem.same_focal import with_one_focal
+from calibrant.calibrate.cell.problem.touches import TouchFactor, touch_group, touch_name
 from calibrant.calibrate.cell.problem.views import HandEyeViews, from_target_poses
 from calibrant.calibrate.reprojection.carried import CarriedFactor
 from calibrant.calibrate.reprojection.factor import ReprojectionFactor, StackedViews, TargetModes, stack
@@ -62,7 +64,7 @@ from calibrant.calibrate.solvers.setup import Setup
 from calibrant.data import DEFAULT_CAMERA, Observations, RobotPoses, View
 from calibrant.data.observations import Carried
 from calibrant.optimize.factors import Factor, RotationPrior, TranslationPrior, VectorPrior
-from calibrant.optimize.manifolds import SE3, Euclidean, Variable
+from calibrant.optimize.manifolds import SE3, Euclidean, Position, Variable
 from calibrant.optimize.noise import NoiseLevel
 from calibrant.optimize.problem import Problem
 
@@ -170,6 +172,7 @@ class Cell:
         for robot in self.layout.robots:
             least = PHOTO_FLOORS if robot in self.robots_in_images else PAIR_FLOORS
             out |= dict(zip(robot_groups(robot), (least[ROBOT_ROTATION], least[ROBOT_TRANSLATION])))
+        out |= {touch_group(t.tool): TOUCH_FLOOR for t in self.layout.touches}
         return out | {joint_group(robot): PHOTO_FLOORS[JOINTS] for robot in self.free}
 
     def levels(self, spread: tuple[float, float]) -> dict[str, float]:
@@ -186,6 +189,7 @@ class Cell:
                 if p.seen is None
                 else {self.pixel_group(p.camera): d.sigma_px / self.pixel_ratios[p.camera]}
             )
+        out |= {touch_group(t.tool): translation for t in self.layout.touches}
         # A joint turns the pose as the pose's own noise does.
         return out | {joint_group(robot): rotation / 2 for robot in self.free}
 
@@ -203,6 +207,7 @@ def cell_problem(
     factors: list[Factor] = []
     for i in range(len(cell.data)):
         factors += _list_factors(cell, i, scale=cell.layout.pictures[i].target in free_sizes)
+    factors += [_touch_factor(cell, k, scale=t.target in free_sizes) for k, t in enumerate(cell.layout.touches)]
     seen = {name for f in factors for name in f.variables}
     if cell.clocks is not None:
         clocks = (cell.clocks.variable(name) for name in cell.clocks.terms)
@@ -222,7 +227,23 @@ def _place(cell: Cell, frame: Frame, T: Array) -> Variable:
     if frame in cell.layout.handheld:
         labels = moments_by_hand(cell.layout, cell.data, frame[1])
         return Variable(variable(frame), SE3(), T, labels=labels, words=f"{frame[1]} at")
-    return Variable(variable(frame), SE3(), T[None], words=f"the place of {frame[1]}")
+    kind = Position() if frame in cell.layout.positions else SE3()
+    return Variable(variable(frame), kind, T[None], words=f"the place of {frame[1]}")
+
+
+def _touch_factor(cell: Cell, k: int, *, scale: bool) -> TouchFactor:
+    layout, t = cell.layout, cell.layout.touches[k]
+    base = layout.base(t.robot)
+    return TouchFactor(
+        touch_name(k),
+        layout.robots[t.robot].only(t.ids).T_base_gripper,
+        t.places,
+        tip=variable(layout.tip(t)),
+        touched=variable(layout.touched(t)),
+        noise=touch_group(t.tool),
+        base=None if base == layout.root else variable((layout.root, base)),
+        scale=scale_variable(t.target) if scale else None,
+    )
 
 
 def _list_factors(cell: Cell, i: int, *, scale: bool) -> list[Factor]:

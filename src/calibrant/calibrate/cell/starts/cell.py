@@ -20,6 +20,7 @@ from calibrant.calibrate.cell.starts.handheld import CameraPair, handheld_start
 from calibrant.calibrate.cell.starts.medoid import medoid
 from calibrant.calibrate.cell.starts.robust import agreeing_group, disagreement
 from calibrant.calibrate.cell.starts.seed import MOST_GROSS, Seed, best_seed, seed_of_all, setup_check
+from calibrant.calibrate.cell.starts.touches import touched_start
 from calibrant.calibrate.solvers.motion import MotionReport, motion_report
 from calibrant.calibrate.solvers.setup import SETUPS, Setup, get_setup
 from calibrant.cancel import checkpoint
@@ -93,12 +94,12 @@ def cell_start(layout: Layout, data: Sequence[HandEyeViews], missing: Mapping[st
         seed = alone[i].seed
         spreads.append((np.deg2rad(seed.loop.median_deg), 1e-3 * seed.loop.median_mm))
         graph = _add(graph, layout.constants(p), (seed.X, seed.Z), tied=bool(by_hand))
-    if len(data) == 1 and refused:
+    if len(data) == 1 and refused and not layout.touches:
         raise RefusedError(refused[0])
     for i, said in sorted(alone.items()):
         if said.setup.status == "fail":
             raise RefusedError(f"{layout.prefix(i)}{said.setup.name}: {said.setup.message}")
-    graph = _through_others(layout, cleaned, graph, refused)
+    graph = touched_start(layout, _through_others(layout, cleaned, graph, refused))
     transforms = {}
     # Robots first: where nothing ties them, that is what a person has to know.
     for parent, child in reversed(layout.unknown):
@@ -293,6 +294,11 @@ def _missing(layout: Layout, parent: str, child: str, refused: dict[int, str]) -
     reasons = "; ".join(f"{layout.pictures[i].words}: {text}" for i, text in refused.items())
     if reasons:
         return f"nothing tells where {child} is in {parent}: {reasons}"
+    if (parent, child) in layout.positions:
+        return (
+            f"the touches do not tell where {child} is in {parent}: touch one point four times or more, the tool "
+            "tilted about two axes in between, or places of a target that cameras find"
+        )
     if child in layout.cameras:
         return (
             f"nothing tells where {child} is in {parent}: no robot moves it or a target before it, and it sees no "

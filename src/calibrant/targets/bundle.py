@@ -31,7 +31,7 @@ from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
 from calibrant.targets.apriltag3 import FAMILIES, tag_name
-from calibrant.targets.lengths import parse_coordinate, parse_length
+from calibrant.targets.lengths import format_length, parse_coordinate, parse_length
 from calibrant.targets.marker import check_id, marker_art
 from calibrant.targets.scale import format_scale, split_scale
 from calibrant.targets.target import Artwork, Target
@@ -130,6 +130,32 @@ def parse(fields: Sequence[str]) -> Bundle:
         raise InputError(f"bundle file {name} gives marker {twice} twice; each id stands for one marker")
     placed = sorted((i, tuple(map(tuple, corners.tolist()))) for i, corners in found)
     return Bundle(name, dictionary, tuple(placed), scale)
+
+
+def bundle_text(
+    tags: Mapping[int, tuple[str, float]], places: Mapping[int, Array | None], sigma_mm: Mapping[int, Array | None]
+) -> str:
+    """The file of a bundle of markers that were measured: a target's spec, for `parse_target`.
+
+    Args: by id: tags, dictionary and side (metres); places, T_target_marker (4, 4), None for the one whose frame
+    is the target's; sigma_mm, of the position along x, y, z, None where nothing says so.
+    """
+    lines = [
+        "# Measured from photos; the frame is that of the first marker: its centre, x to the right, y down, z into it.",
+        "target: bundle",
+        f"dictionary: {next(iter(tags.values()))[0]}",
+        "markers:",
+    ]
+    for marker, (_, side) in tags.items():
+        T, sigma = places.get(marker), sigma_mm.get(marker)
+        words = [f"id: {marker}", f"side: {format_length(side)}"]
+        if T is not None:
+            at = ", ".join(f"{1e3 * v:.5f}mm" for v in T[:3, 3])
+            turn = ", ".join(f"{v:.6f}" for v in np.rad2deg(so3.log(T[:3, :3])))
+            words += [f"position: [{at}]", f"rotation_vector_deg: [{turn}]"]
+        known = "" if sigma is None else f"  # ± {', '.join(f'{v:.2g}' for v in sigma)} mm (1 sigma)"
+        lines.append(f"  - {{{', '.join(words)}}}{known}")
+    return "\n".join(lines) + "\n"
 
 
 def _markers(entries: Any) -> Iterator[tuple[int, Array]]:

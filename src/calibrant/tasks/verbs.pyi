@@ -35,6 +35,12 @@ def target(
     *,
     out: str | Path,
     page: str = "auto",
+    from_photos: Words = (),
+    camera: str | Path | None = None,
+    mirror_x: bool = False,
+    exclude: Words = (),
+    workers: str | int | None = None,
+    cache: str | None = None,
     force: bool = False,
 ) -> CalibrationResult: ...
 def detect(

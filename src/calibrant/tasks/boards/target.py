@@ -1,4 +1,4 @@
-"""A target to print at true size, and its spec in a file beside it."""
+"""A target to print at true size with its spec in a file beside it, or tags at unknown places measured from photos."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from calibrant.errors import InputError
+from calibrant.tasks.boards.measured_tags import TagPhotos, measured_tags
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.choices import PAGES
+from calibrant.tasks.options.images import SearchOptions
 from calibrant.tasks.options.option import Option
 from calibrant.tasks.outcome import Document, Outcome
 
@@ -26,18 +29,52 @@ class Request:
     """Write a target as printable artwork at true size, with a ruler, and its spec as YAML beside it.
 
     calibrant target charuco:5x7:40mm:20mm:DICT_6X6_250 --out board.pdf
+
+    Tags that were put up somewhere are measured from photos of one camera: where they stand to each other becomes a
+    file that is a target: calibrant target marker:50mm:DICT_APRILTAG_36h11:3,4,7 --from-photos photos/*.jpg --camera
+    camera.json --out bundle.yaml
     """
 
     spec: Annotated[str, Option("SPEC", positional=True)]
     """The target, e.g. charuco:5x7:40mm:20mm:DICT_6X6_250."""
     out: Annotated[Path, Option("FILE", "-o", output="file")]
-    """The file to write: .pdf, .svg or .png."""
+    """The file to write: .pdf, .svg or .png; of tags in photos: .yaml."""
     page: Annotated[str, Option("NAME", choices=PAGES)] = "auto"
     """auto, fit, a4, a3, a2, a1, a0, letter or tabloid."""
+    from_photos: Annotated[tuple[str, ...], Option("IMAGES")] = ()
+    """Photos of tags at unknown places, two or more in each; SPEC has the ids of all: marker:50mm:DICTIONARY:3,4,7."""
+    camera: Annotated[Path | None, Option("FILE")] = None
+    """The camera that took the photos (any format)."""
+    search: SearchOptions = SearchOptions()
+
+
+def reads(request: Request) -> list[Path]:
+    """The photos and the camera, where there are some."""
+    photos = _photos(request)
+    return [] if photos is None else [*photos.files(), photos.camera]
 
 
 def run(request: Request, listener: Listener = SILENT) -> Outcome:
-    """The artwork and its YAML. Raises: InputError for an impossible spec, page or file."""
+    """The artwork and its YAML, or the YAML of tags in photos.
+
+    Raises: InputError for an impossible spec, page or file; RefusedError where photos do not tie the tags.
+    """
+    photos = _photos(request)
+    return _artwork(request) if photos is None else measured_tags(photos, listener)
+
+
+def _photos(request: Request) -> TagPhotos | None:
+    """What is measured, None for artwork. Raises: InputError for options of one without the other."""
+    if not request.from_photos:
+        if request.camera is not None:
+            raise InputError("--camera goes with --from-photos IMAGES: it is the camera that took them")
+        return None
+    if request.camera is None:
+        raise InputError("--from-photos needs the camera: --camera FILE, such as what calibrant intrinsics wrote")
+    return TagPhotos(request.spec, request.from_photos, request.camera, request.out, request.search)
+
+
+def _artwork(request: Request) -> Outcome:
     from calibrant.reports.artwork import writer_for
     from calibrant.reports.sheet import sheet_of
     from calibrant.targets.registry import parse_target

@@ -39,8 +39,7 @@ EXAMPLE = (
 class Request:
     """Calibrate cameras that are fixed to each other, from images or videos of boards that they took at once.
 
-    calibrant rig --images left=left.mp4 --images top=top.mp4 --images right=right.mp4 --target
-    charuco:5x7:36mm:18mm:DICT_6X6_250 --out rig.json
+    calibrant rig --images left=left.mp4 --images right=right.mp4 --target chessboard:9x6:25mm --out rig.json
 
     Finds all lenses and where every camera stands in one problem, with the uncertainty of both; says who saw the board
     together with whom, what the cameras' clocks are off by, and which cameras nothing ties to the others.

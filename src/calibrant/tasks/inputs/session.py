@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from calibrant.data import CalibrationResult, Observations
     from calibrant.detection.subpixel.refinement import Refinement
+    from calibrant.targets.target import Target
 
 _LOADING = "Loading the solver (the first run compiles it: half a minute, two on a busy machine) …"
 _FIRST_RUN = (
@@ -68,7 +69,7 @@ def file_records(files: Iterable[str | Path]) -> tuple[dict[str, str], ...]:
 
 def detect_boards(
     files: Sequence[Path],
-    target: str,
+    target: str | Target,
     *,
     mirror_x: bool,
     workers: int | str | Executor | None,
@@ -86,7 +87,7 @@ def detect_boards(
     from calibrant.targets.registry import parse_target
     from calibrant.tasks.inputs.own_points import read_beside
 
-    wanted = parse_target(target)
+    wanted = parse_target(target) if isinstance(target, str) else target
     if isinstance(wanted, PointFolder):
         return read_beside(files, wanted, mirror_x=mirror_x, camera=camera)
     with compiled_beside(*SOLVER, first=lambda: listener.note(_FIRST_RUN)) as other:

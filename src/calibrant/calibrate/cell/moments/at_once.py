@@ -129,6 +129,8 @@ def apart(found: PairPoses, D: Array) -> Mask:
     """Pairs (n,) that contradict a common place D."""
     statistic = off(found, D)
     noisier = np.sqrt(1 + statistic / found.freedom) > NOISIER
+    if not noisier.any():
+        return noisier  # and nothing asks what the others say
     # What boards, lenses and clocks have in common moves all pairs; those that are none say nothing of it.
     telling = np.ones_like(noisier) if _are_pairs(found) else ~noisier
     scale = max(float(np.median(statistic[telling])) / CHI2_6_MEDIAN, 1.0) if telling.any() else 1.0

@@ -16,6 +16,7 @@ from calibrant.reports.parts.blocks import Block, Column, Page, TextTable
 from calibrant.reports.parts.numbers import plain
 from calibrant.reports.terminal import text_table
 from calibrant.studies.methods import USES, Method, Outcome, Use
+from calibrant.studies.stereo_pair import StereoComparison
 from calibrant.studies.sweeps import Row, Swept
 
 FORMAT = "calibrant-study/1"
@@ -37,6 +38,10 @@ EXACT_PERCENT = 1e-7
 """Below 1e-9 of the value, what the methods promise on exact points, an error is shown as exact."""
 
 
+EXACT_MM = 1e-6
+"""A nanometre: exact points leave less."""
+
+
 @dataclass(frozen=True)
 class Compared:
     """A method on the given views: the medians of its runs, how many there were, and how many were refused."""
@@ -49,13 +54,17 @@ class Compared:
 
 @dataclass(frozen=True)
 class Study:
-    """What was studied, in words, with its comparison and sweeps. `options` made it; `truth` names the reference."""
+    """What was studied, in words, with its comparison and sweeps. `options` made it; `truth` names the reference.
+
+    stereo: two ways to measure points with two cameras, for simulated ones.
+    """
 
     subject: str
     truth: str
     options: Mapping[str, object]
     compared: tuple[Compared, ...]
     sweeps: tuple[Swept, ...]
+    stereo: StereoComparison | None = None
 
 
 def study_text(study: Study) -> str:
@@ -97,6 +106,7 @@ def study_text(study: Study) -> str:
         "options": dict(study.options),
         "methods": compared,
         "sweeps": sweeps,
+        **({} if study.stereo is None else {"stereo": _stereo_known(study.stereo)}),
     }
     return json.dumps(document, indent=1, ensure_ascii=False)
 
@@ -104,6 +114,8 @@ def study_text(study: Study) -> str:
 def study_tables(study: Study) -> list[TextTable]:
     """The study's tables, for a terminal and for a page."""
     found = [_compared_table(use, study.compared) for use in USES if any(c.method.use == use for c in study.compared)]
+    if study.stereo is not None:
+        found.append(_stereo_table(study.stereo))
     if study.sweeps:
         heading = "Where each fails: median error of the focal length in %, or why it is refused"
         scenes = study.sweeps[0].trials
@@ -147,6 +159,25 @@ def _compared_table(use: Use, compared: Sequence[Compared]) -> TextTable:
     count = max(c.runs for c in rows)
     many = "" if count == 1 else f", median of {count} views"
     return TextTable(f"{use.capitalize()}{many} (–: taken as known, or not known)", columns, tuple(texts))
+
+
+def _stereo_known(stereo: StereoComparison) -> dict[str, object]:
+    rows = [{k: v for k, v in asdict(row).items() if v not in (None, ())} for row in stereo.rows]
+    return {"distances_m": list(stereo.distances), "methods": rows}
+
+
+def _stereo_table(stereo: StereoComparison) -> TextTable:
+    """Errors of points that two cameras measure, by distance."""
+    columns = (Column("method"), *(Column(f"{d:g} m", number=True) for d in stereo.distances))
+    blank = ("",) * (len(stereo.distances) - 1)
+    rows = tuple(
+        (row.method, row.refused, *blank)
+        if row.refused is not None
+        else (row.method, *("exact" if v < EXACT_MM else plain(v, digits=2) for v in row.error_mm))
+        for row in stereo.rows
+    )
+    note = "New points by two cameras 150 mm apart, calibrated on two boards at right angles 0.5 to 0.7 m away."
+    return TextTable("Stereo: median error of a point in mm, by its distance", columns, rows, note)
 
 
 def _sweep_table(swept: Swept) -> TextTable:

@@ -9,6 +9,7 @@ from calibrant.studies import methods as study_methods
 from calibrant.studies import sweeps as study_sweeps
 from calibrant.studies.page import Compared, Study
 from calibrant.studies.scenes import Case, Conditions, observed_case, plane_case, solid_case
+from calibrant.studies.stereo_pair import compared_pairs
 from calibrant.studies.sweeps import Sweep, Swept
 
 REPEAT = 3
@@ -27,13 +28,15 @@ def synthetic(conditions: Conditions, *, trials: int, step: Callable[[str], None
     for case in (plane_case(conditions), solid_case(conditions)):
         compared += _compared_methods(case)
     step("methods")
+    pairs = compared_pairs(conditions)
+    step("stereo")
     sweeps = study_sweeps.SWEEPS if trials else ()
     swept = [_swept(one, conditions, trials, step) for one in sweeps]
     subject = (
         f"Simulated views: {conditions.views} of a plane and of two boards at right angles, about {conditions.points} "
         f"points each, noise {conditions.noise_px:g} px, lens {conditions.lens}, seed {conditions.seed}"
     )
-    return Study(subject, SYNTHETIC_TRUTH, _options(conditions, trials), tuple(compared), tuple(swept))
+    return Study(subject, SYNTHETIC_TRUTH, _options(conditions, trials), tuple(compared), tuple(swept), pairs)
 
 
 def observed(found: Observations, *, name: str) -> Study:
@@ -45,7 +48,7 @@ def observed(found: Observations, *, name: str) -> Study:
 
 def steps(trials: int) -> int:
     """How often `synthetic` calls `step`."""
-    return 1 + (sum(len(s.values) for s in study_sweeps.SWEEPS) if trials else 0)
+    return 2 + (sum(len(s.values) for s in study_sweeps.SWEEPS) if trials else 0)
 
 
 def _compared_methods(case: Case) -> list[Compared]:

@@ -143,10 +143,24 @@ def test_offsets_that_nobody_asked_for_are_said() -> None:
     assert "--time-offsets" in checks["rigidity"].message
 
 
+def test_pictures_with_times_of_their_own_are_taken_when_they_say() -> None:
+    observations, times = waved(4, sigma=0.0)
+    own = {name: {m: t + LATE_S[name] for m, t in times.items()} for name in NAMES}
+    result = cb.calibrate_rig(observations, times=own)
+    assert result.rms_px == pytest.approx(0, abs=2e-4)
+    for k in (1, 2):
+        truth = T_CAMERA_RIG[0] @ se3.inverse(T_CAMERA_RIG[k])
+        np.testing.assert_allclose(result.transform("left", NAMES[k]).matrix, truth, atol=1e-5)
+
+
 def test_bad_input_is_said() -> None:
     observations, times = waved(3)
     with pytest.raises(InputError, match="the time of moment"):
         cb.calibrate_rig(observations, times={"000": 0.0}, time_offsets=True)
+    with pytest.raises(InputError, match=r"by camera \(left\) and without one"):
+        cb.calibrate_rig(observations, times={"left": {"000": 0.0}, "001": 1.0})
+    with pytest.raises(InputError, match="'000' is nan"):
+        cb.calibrate_rig(observations, times=times | {"000": float("nan")})
     far = {m: 101.0 * (k // 2) + k % 2 for k, m in enumerate(times)}  # pairs, far apart
     with pytest.raises(RefusedError, match="follow each other closely enough"):
         cb.calibrate_rig(observations, times=far, time_offsets=True)

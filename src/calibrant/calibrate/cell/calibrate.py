@@ -23,6 +23,7 @@ from calibrant.calibrate.cell.lens_choice import MODEL, FixForEach, ForEach, Len
 from calibrant.calibrate.cell.moments.at_once import seen_at_once
 from calibrant.calibrate.cell.moments.numbering import numbered_at_once
 from calibrant.calibrate.cell.problem.camera_role import CameraRole
+from calibrant.calibrate.cell.problem.clocks import Times
 from calibrant.calibrate.cell.problem.joint_offsets import JointReadings, free_joints
 from calibrant.calibrate.cell.problem.layout import (
     HANDHELD,
@@ -180,7 +181,7 @@ def fit_cell(
     reference: str = "",
     accuracies: Mapping[str, RobotAccuracy] | None = None,
     together: Collection[str] = (),
-    times: Mapping[str, float] | None = None,
+    times: Mapping[str, float] | Mapping[str, Mapping[str, float]] | None = None,
     time_offsets: bool = False,
     readout: bool = False,
     rigid: Sequence[Sequence[str]] = (),
@@ -204,15 +205,16 @@ def fit_cell(
     )
     if any(lenses[name].given is not None for name in same_focal):
         raise InputError("same focal lengths are found from the pictures of both cameras: give neither (cameras)")
+    taken = Times.told(times)
     data, roles, left_out = _matched(where, lenses)
     where, data, numbering = numbered_alike(where, data)
     where, data, by_hand = numbered_at_once(where, data)
-    data, roles, at_once = seen_at_once(where, data, roles, times or {})
+    data, roles, at_once = seen_at_once(where, data, roles, taken.moments)
     free = {name: free_joints(r, identify) for name, r in _readings(where, joints).items()}
     start = cell_start(where, data, {v.id: v.reason or "" for v in left_out})
     with _by_its_cause(start):
-        whole = Cell(where, start.data, roles, free, times or {}, same_focal=same_focal)
-        if time_offsets or readout:
+        whole = Cell(where, start.data, roles, free, taken, same_focal=same_focal)
+        if time_offsets or readout or taken.apart:
             clocks = clocks_asked(whole, offsets=time_offsets, readout=readout)
             noise, cell = refined_with_clocks(whole, start.transforms, start.spread, clocks)
         else:

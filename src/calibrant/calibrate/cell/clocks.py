@@ -7,7 +7,7 @@ What a step of the clocks changes in the motion is of second order, so that two 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,13 +22,14 @@ from calibrant.calibrate.cell.problem.clocks import (
     Clocks,
     Motion,
     Smoothness,
+    Times,
     clock_variable,
     motion_of,
 )
 from calibrant.calibrate.cell.problem.layout import Frame, Layout, variable
 from calibrant.calibrate.cell.problem.problem import Cell, cell_problem, moments_by_hand
 from calibrant.calibrate.cell.problem.views import HandEyeViews
-from calibrant.calibrate.cell.refine import LEAST_SIGMA_START, NEARLY_UNDAMPED, refined
+from calibrant.calibrate.cell.refine import LEAST_SIGMA_START, NEARLY_UNDAMPED, in_sight, kept_places, refined
 from calibrant.data.details import CameraClock, CameraClocks
 from calibrant.errors import InputError, RefusedError
 from calibrant.optimize.noise import NoiseEstimate, estimate_noise
@@ -38,15 +39,17 @@ ODDS = 100.0
 """Against a motion, by what it leaves of the residuals: log L = -r log sigma, of r residuals beyond the unknowns."""
 STILL = 0.05
 """Clocks that move by less than this many sigmas stand still."""
+SETTLED = 1e-3
+"""A motion that lowers the noise by less than this share is the one that there is."""
 MOST_ROUNDS = 8
 NO_NEIGHBOUR = "no picture just before or after tells how the target moved, which its camera's clock needs"
 
 
 @dataclass(frozen=True, eq=False)
 class ClocksAsked:
-    """times: seconds by moment; offsets, readout: whether the cameras' offsets and readout times are unknown."""
+    """times: of pictures; offsets, readout: whether the cameras' offsets and readout times are unknown."""
 
-    times: Mapping[str, float]
+    times: Times
     offsets: bool = False
     readout: bool = False
 
@@ -58,7 +61,7 @@ class ClocksAsked:
 
 def clocks_asked(cell: Cell, *, offsets: bool, readout: bool) -> ClocksAsked:
     """What is asked, checked. Raises: InputError for cells that are no rig, and moments without a time."""
-    layout, told = cell.layout, cell.times
+    layout, told = cell.layout, cell.times.moments
     if not layout.rig:
         raise InputError(
             "time offsets of cameras are found in a rig, whose target is moved by hand; a robot's clock is found by "
@@ -71,10 +74,7 @@ def clocks_asked(cell: Cell, *, offsets: bool, readout: bool) -> ClocksAsked:
             f"the time of moment {missing[0]!r} is not known, nor of {len(missing) - 1} more of {len(moments)}; time "
             "offsets and readout times need the time of every moment, in seconds: times={moment: seconds}, or videos"
         )
-    values = np.array([told[m] for m in moments])
-    if not np.all(np.isfinite(values)):
-        raise InputError("the times of moments are seconds, finite numbers")
-    return ClocksAsked(told, offsets, readout)
+    return ClocksAsked(cell.times, offsets, readout)
 
 
 def refined_with_clocks(
@@ -86,9 +86,13 @@ def refined_with_clocks(
     Raises: RefusedError where no motion tells the clocks.
     """
     fits = [_refined(cell, transforms, spread, asked, smoothness) for smoothness in SMOOTHNESSES]
-    levels = [noise.levels[left.pixel_group(cell.layout.root)] for noise, left in fits]
-    against = [level.redundancy * float(np.log(level.sigma)) for level in levels]
+    redundancy = [noise.levels[left.pixel_group(cell.layout.root)].redundancy for noise, left in fits]
+    against = [r * np.log(_level(left, noise)) for r, (noise, left) in zip(redundancy, fits)]
     return next(fit for fit, a in zip(fits, against) if a <= min(against) + np.log(ODDS))
+
+
+def _level(cell: Cell, noise: NoiseEstimate) -> float:
+    return noise.levels[cell.pixel_group(cell.layout.root)].sigma
 
 
 def _refined(
@@ -100,20 +104,23 @@ def _refined(
 ) -> tuple[NoiseEstimate, Cell]:
     terms = asked.terms(cell.layout)
     sigmas = cell.levels((max(spread[0], LEAST_SIGMA_START), max(spread[1], LEAST_SIGMA_START)))
+    cell, transforms = in_sight(cell, transforms)
     problem = cell_problem(cell, transforms, sigmas)
     solution = estimate_noise(problem, floors=cell.floors(), options=NEARLY_UNDAMPED).solution
     at: dict[str, Array] = {camera: np.zeros(len(words)) for camera, words in terms.items()}
-    noise: NoiseEstimate | None = None
+    level = np.inf
     for _ in range(MOST_ROUNDS):
-        motions = _motions(cell, solution, asked.times, smoothness)
+        motions = _motions(cell, solution, asked.times.moments, smoothness)
         clocks = Clocks(asked.times, terms, at, motions, _carried(cell, solution))
-        timed, places = _told(replace(cell, clocks=clocks), fitted_places(cell, solution))
+        timed, places = in_sight(*_told(replace(cell, clocks=clocks), fitted_places(cell, solution)))
         noise = estimate_noise(
             cell_problem(timed, places, dict(solution.sigmas)), floors=timed.floors(), options=NEARLY_UNDAMPED
         )
         cell, solution, before = timed, noise.solution, at
         at = {camera: solution.value(clock_variable(camera))[0] for camera in terms}
-        if _still(solution, before, at):
+        settled = _still(solution, before, at) and _level(cell, noise) > (1 - SETTLED) * level
+        level = _level(cell, noise)
+        if settled:
             break
     clocks = Clocks(asked.times, terms, at, motions, _carried(cell, solution))
     return refined(replace(cell, clocks=clocks), fitted_places(cell, solution), spread)
@@ -131,7 +138,7 @@ def clocks_found(cell: Cell, solution: Solution) -> CameraClocks | None:
             told = {t: (float(v), float(s)) for t, v, s in zip(terms, *said)}
             none = (None, None)
             found.append(CameraClock(camera, *told.get(OFFSET, none), *told.get(READOUT, none)))
-    return CameraClocks(cell.layout.root, tuple(found))
+    return CameraClocks(cell.layout.root, tuple(found)) if found else None
 
 
 def suspected_clocks(cell: Cell, solution: Solution) -> CameraClocks | None:
@@ -140,12 +147,14 @@ def suspected_clocks(cell: Cell, solution: Solution) -> CameraClocks | None:
     What a rig errs by beyond its cameras' own noise is looked for here before it is laid on cameras that moved.
     """
     moments = {name for d in cell.data for name, use in zip(d.ids, d.use) if use}
-    if not moments <= set(cell.times):
+    if not moments <= set(cell.times.moments):
         return None
     asked = ClocksAsked(cell.times, offsets=True)
     terms = asked.terms(cell.layout)
     at: dict[str, Array] = {camera: np.zeros(len(words)) for camera, words in terms.items()}
-    clocks = Clocks(asked.times, terms, at, _motions(cell, solution, asked.times, PARABOLA), _carried(cell, solution))
+    clocks = Clocks(
+        asked.times, terms, at, _motions(cell, solution, asked.times.moments, PARABOLA), _carried(cell, solution)
+    )
     try:
         timed, places = _told(replace(cell, clocks=clocks), fitted_places(cell, solution))
     except RefusedError:
@@ -189,17 +198,12 @@ def _told(cell: Cell, places: Mapping[Frame, Array]) -> tuple[Cell, dict[Frame, 
         motion = clocks.motions[layout.carrier(p)]
         known = dict(zip(motion.moments, motion.known.tolist()))
         odd = d.use & np.array([not known.get(m, False) for m in d.ids])
-        data.append(d.without(odd, [NO_NEIGHBOUR] * len(d)) if p.camera in clocks.terms and odd.any() else d)
+        data.append(d.without(odd, [NO_NEIGHBOUR] * len(d)) if clocks.displaces(p.camera) and odd.any() else d)
     left = replace(cell, data=tuple(data))
-    for camera in clocks.terms:
+    for camera in filter(clocks.displaces, layout.cameras):
         if not any(d.use.any() for _, p, d in left.lists if p.camera == camera):
             raise RefusedError(
                 f"{camera}: no two pictures follow each other closely enough to tell how the target moved; its clock "
                 "needs a video, or pictures in quick succession, of a target that moves"
             )
-    kept: dict[Frame, Array] = {f: T for f, T in places.items() if f not in layout.handheld}
-    for frame in layout.handheld:
-        before = moments_by_hand(layout, cell.data, frame[1])
-        after: Sequence[str] = moments_by_hand(layout, left.data, frame[1])
-        kept[frame] = places[frame][[before.index(m) for m in after]]
-    return left, kept
+    return left, kept_places(cell, left, places)

@@ -13,7 +13,7 @@ from calibrant.calibrate.cell.consistency import inconsistent_views
 from calibrant.calibrate.cell.fitted import fitted_cameras, fitted_places
 from calibrant.calibrate.cell.problem.groups import geometry_variable, pictures_factor
 from calibrant.calibrate.cell.problem.layout import Frame
-from calibrant.calibrate.cell.problem.problem import Cell, cell_problem
+from calibrant.calibrate.cell.problem.problem import Cell, cell_problem, moments_by_hand
 from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.calibrate.reprojection.outliers import mark
 from calibrant.errors import RefusedError, causes
@@ -38,6 +38,7 @@ def refined(cell: Cell, transforms: Mapping[Frame, Array], spread: tuple[float, 
     the pictures do not determine.
     """
     sigmas = cell.levels((max(spread[0], LEAST_SIGMA_START), max(spread[1], LEAST_SIGMA_START)))
+    cell, transforms = in_sight(cell, transforms)
     # A handheld target's poses are from the same pictures: the start is a step from the optimum, damping costs steps.
     options = NEARLY_UNDAMPED if cell.layout.rig else None
     rounds = MAX_CLEANING_ROUNDS + sum(int(f.keep.sum()) for f in cell.free.values())
@@ -52,6 +53,43 @@ def refined(cell: Cell, transforms: Mapping[Frame, Array], spread: tuple[float, 
             break
         cell, transforms, sigmas = cleaned, fitted_places(cell, solution), dict(solution.sigmas)
     return held_levels(noise, options=options), cell
+
+
+UNSEEN = "by the other cameras its target is not before this one with all its points"
+
+
+def in_sight(cell: Cell, transforms: Mapping[Frame, Array]) -> tuple[Cell, Mapping[Frame, Array]]:
+    """The cell without the views of handheld targets that their camera cannot see from where the start has it.
+
+    A few points in one picture may place a board behind the camera that sees it; no step leads out of there.
+    """
+    handheld = [i for i, p, _ in cell.lists if p.handheld]
+    if not handheld:
+        return cell, transforms
+    problem = cell_problem(cell, transforms, cell.levels((LEAST_SIGMA_START, LEAST_SIGMA_START)))
+    data = list(cell.data)
+    for i in handheld:
+        if not cell.used_views(i):
+            continue
+        k = problem.factor_index(pictures_factor(i))
+        seen = np.isfinite(problem.factors[k].residuals(*problem.gather(k, problem.start))).all(axis=1)
+        offsets = np.cumsum([0, *(len(v) for v in cell.used_views(i))])[:-1]
+        unseen = ~np.logical_and.reduceat(seen, offsets)
+        if unseen.any() and not unseen.all():
+            dropped = np.zeros(len(data[i]), dtype=bool)
+            dropped[np.flatnonzero(data[i].use)[unseen]] = True
+            data[i] = data[i].without(dropped, [UNSEEN] * len(dropped))
+    left = replace(cell, data=tuple(data))
+    return left, kept_places(cell, left, transforms)
+
+
+def kept_places(cell: Cell, left: Cell, places: Mapping[Frame, Array]) -> dict[Frame, Array]:
+    """Where what is left of a cell starts from: of handheld targets, the moments that are still seen."""
+    kept = dict(places)
+    for frame in cell.layout.handheld:
+        before = moments_by_hand(cell.layout, cell.data, frame[1])
+        kept[frame] = places[frame][[before.index(m) for m in moments_by_hand(left.layout, left.data, frame[1])]]
+    return kept
 
 
 def _seen_again(cell: Cell, solution: Solution) -> Cell:

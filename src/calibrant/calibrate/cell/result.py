@@ -289,7 +289,7 @@ def _covariance_of_all(cell: Cell, solution: Solution) -> JointCovariance:
 def _seen(cell: Cell, solution: Solution, i: int) -> list[tuple[Array, Array]]:
     """Squared residuals of list i's used views and where the target was when each was taken."""
     found, p = seen_in_fit(solution, pictures_factor(i)), cell.layout.pictures[i]
-    if cell.clocks is None or p.camera not in cell.clocks.terms:
+    if cell.clocks is None or not cell.clocks.displaces(p.camera):
         return found
     moved = cell.clocks.lateness(p.camera, cell.layout.carrier(p), cell.layout.target(p), cell.used_ids(i))
     return [(squares, T @ D) for (squares, T), D in zip(found, moved)]

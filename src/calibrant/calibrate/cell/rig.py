@@ -32,7 +32,7 @@ def calibrate_rig(
     model: ForEach = MODEL,
     fix: FixForEach = (),
     reference: str | None = None,
-    times: Mapping[str, float] | None = None,
+    times: Mapping[str, float] | Mapping[str, Mapping[str, float]] | None = None,
     time_offsets: bool = False,
     readout: bool = False,
     rigid: Sequence[Sequence[str]] = (),
@@ -45,8 +45,9 @@ def calibrate_rig(
     cameras: known intrinsics by name, held within their covariance (exact where they have none). The others are
     calibrated from their views: initial, by name, where that starts; model and fix, one for all cameras or by name,
     those not named having the default. Cameras may have different models and image sizes.
-    times: seconds of every moment, by its name; with them the cameras' clocks can be unknowns too: time_offsets, how
-    late each camera is against the reference; readout, the time between a picture's first and last row.
+    times: seconds of every moment, by its name, or by camera and moment where each picture has a time of its own, which
+    then counts. With them the cameras' clocks can be unknowns too: time_offsets, how late each camera is against the
+    reference; readout, the time between a picture's first and last row.
     reference: the camera whose frame is the rig's, by default the first. The result's transforms lead from it to every
     other camera (parent: reference, child: camera), then between every two others, with their covariance, and its
     `joint_covariance` is over the former.
@@ -91,7 +92,7 @@ def fit_rig(
     fix: FixForEach = (),
     reference: str | None = None,
     together: Collection[str] = (),
-    times: Mapping[str, float] | None = None,
+    times: Mapping[str, float] | Mapping[str, Mapping[str, float]] | None = None,
     time_offsets: bool = False,
     readout: bool = False,
     rigid: Sequence[Sequence[str]] = (),

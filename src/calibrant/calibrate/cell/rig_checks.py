@@ -66,11 +66,11 @@ def rig_checks(cell: Cell, start: CellStart, noise: NoiseEstimate) -> tuple[Chec
     own = pooled([replace(level, sigma=cell.own_sigma_px(c)) for c, level in zip(tied, levels)])
     joint = pooled(levels)
     shared = (questions.shared_moments_check(start.pairs),) if start.pairs else ()  # none in a rig of one camera
-    if cell.clocks is None and questions.loose_rig(joint, own):
-        return *shared, questions.rigidity_check(joint, own, suspected_clocks(cell, noise.solution))
     found = clocks_found(cell, noise.solution)
-    rigidity = questions.rigidity_check(joint, own)
-    return (*shared, rigidity) if found is None else (*shared, rigidity, questions.clocks_check(found))
+    if found is not None:
+        return *shared, questions.rigidity_check(joint, own), questions.clocks_check(found)
+    suspected = suspected_clocks(cell, noise.solution) if questions.loose_rig(joint, own) else None
+    return *shared, questions.rigidity_check(joint, own, suspected)
 
 
 def shared_moments(cell: Cell) -> SharedMoments | None:

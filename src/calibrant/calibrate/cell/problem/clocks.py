@@ -3,13 +3,14 @@
 A camera that is tau late sees a handheld target where it will be; one whose rows are read one after the other sees
 every row at a time of its own,
 
-    t_j = t_moment + tau_c + rho_c (v_j / h - 1/2),    p_j(t) = T_m^-1 T(t) p_j,
+    t_j = t_moment + e_cm + tau_c + rho_c (v_j / h - 1/2),    p_j(t) = T_m^-1 T(t) p_j,
 
-with v_j / h the row as a part of the image's height, tau_c the offset to the reference camera's clock at the picture's
-middle row and rho_c the readout time. T(t) near a moment is a parabola in `se3.retract`'s chart that its neighbours in
-time tell. The displaced points stand in the place of the target's own: tau and rho are amplitudes of its modes, dp/dt
-and dp/dt (v / h - 1/2), so that their sigma and what they do to everything else come from the one problem. The parabola
-is that of the last fit: the fit is made again until the clocks stand still (`cell.clocks`).
+with e_cm what the picture's own time stamp says, v_j / h the row as a part of the image's height, tau_c the offset to
+the reference camera's clock at the picture's middle row and rho_c the readout time. T(t) near a moment is a parabola in
+`se3.retract`'s chart that its neighbours in time tell. The displaced points stand in the place of the target's own: tau
+and rho are amplitudes of its modes, dp/dt and dp/dt (v / h - 1/2), so that their sigma and what they do to everything
+else come from the one problem. The parabola is that of the last fit: the fit is made again until the clocks stand still
+(`cell.clocks`).
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy as np
 
 from calibrant.arrays import Array, Mask
 from calibrant.calibrate.reprojection.factor import StackedViews, TargetModes
+from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
 from calibrant.optimize.manifolds import Euclidean, Variable
 
@@ -28,6 +30,34 @@ OFFSET, READOUT = "offset", "readout"
 FURTHEST_STEPS = 2.5
 """A neighbour in time that is further away than this many typical steps between moments says nothing of a moment's
 motion: one or two pictures may fail to show the board."""
+
+
+@dataclass(frozen=True, eq=False)
+class Times:
+    """When pictures were taken: seconds by moment; apart, by camera and moment, what a picture's own time is beyond its
+    moment's."""
+
+    moments: Mapping[str, float] = field(default_factory=dict)
+    apart: Mapping[tuple[str, str], float] = field(default_factory=dict)
+
+    @classmethod
+    def told(cls, times: Mapping[str, float] | Mapping[str, Mapping[str, float]] | None) -> Times:
+        """From seconds by moment, or by camera and moment: the time of a moment is the mean of its pictures'.
+
+        Raises: InputError for what is no finite number.
+        """
+        own = {c: m for c, m in (times or {}).items() if isinstance(m, Mapping)}
+        plain = {m: t for m, t in (times or {}).items() if not isinstance(t, Mapping)}
+        if own and plain:
+            raise InputError(f"the times of moments are given by camera ({next(iter(own))}) and without one")
+        every: dict[str, list[float]] = {}
+        for by_moment in (plain, *own.values()):
+            for moment, t in by_moment.items():
+                if not isinstance(t, (int, float, np.number)) or not np.isfinite(t):
+                    raise InputError(f"the time of moment {moment!r} is {t!r}; times are seconds, finite numbers")
+                every.setdefault(moment, []).append(float(t))
+        mean = {m: float(np.mean(t)) for m, t in every.items()}
+        return cls(mean, {(c, m): float(t) - mean[m] for c, by_moment in own.items() for m, t in by_moment.items()})
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,16 +145,23 @@ def _neighbours(k: int, near: Mask, most: int) -> range | None:
 class Clocks:
     """What is asked of clocks, and where they stand.
 
-    times: seconds by moment; terms: by camera, which of offset and readout are unknown; at: their values, seconds, in
+    times: of pictures; terms: by camera, which of offset and readout are unknown; at: their values, seconds, in
     the order of the terms; motions: by the frame of the handheld target; carried: T_carrier_target of those that one
     carries, by frame.
     """
 
-    times: Mapping[str, float]
+    times: Times
     terms: Mapping[str, tuple[str, ...]]
     at: Mapping[str, Array]
     motions: Mapping[str, Motion]
     carried: Mapping[str, Array] = field(default_factory=dict)
+
+    def displaces(self, camera: str) -> bool:
+        """Whether a camera's pictures were taken at other times than their moments."""
+        return camera in self.terms or any(c == camera and t != 0 for (c, _), t in self.times.apart.items())
+
+    def _apart(self, camera: str, moments: Sequence[str]) -> Array:
+        return np.array([self.times.apart.get((camera, m), 0.0) for m in moments])
 
     def variable(self, camera: str) -> Variable:
         """The unknown of a camera's clock."""
@@ -139,19 +176,24 @@ class Clocks:
     def lateness(self, camera: str, carrier: str, target: str, moments: Sequence[str]) -> Array:
         """T_m^-1 T(t_m + tau) (n, 4, 4): how the target had moved when the camera took its picture of each moment."""
         motion = self._motion(carrier, target)
-        row, tau = motion.rows(moments), sum(a for a, t in zip(self.at[camera], self.terms[camera]) if t == OFFSET)
+        row, terms = motion.rows(moments), self.terms.get(camera, ())
+        offset = sum(float(a) for a, t in zip(self.at.get(camera, ()), terms) if t == OFFSET)
+        tau = (self._apart(camera, moments) + offset)[:, None]
         delta = motion.velocity[row] * tau + motion.acceleration[row] * (tau * tau / 2)
         return np.asarray(se3.inverse(motion.T[row]) @ se3.retract(motion.T[row], delta))
 
     def displaced(
         self, camera: str, carrier: str, target: str, moments: Sequence[str], views: StackedViews, height: int
-    ) -> tuple[StackedViews, TargetModes]:
-        """The views' points less their modes at where the clock stands, and the modes: exact there, tangent beside."""
-        motion, terms = self._motion(carrier, target), self.terms[camera]
-        row = motion.rows(moments)[np.repeat(np.arange(len(moments)), np.diff(views.offsets))]
+    ) -> tuple[StackedViews, TargetModes | None]:
+        """The views' points less their modes at where the clock stands, and the modes: exact there, tangent beside.
+        None where nothing of the camera's clock is unknown."""
+        motion, terms = self._motion(carrier, target), self.terms.get(camera, ())
+        each = np.repeat(np.arange(len(moments)), np.diff(views.offsets))
+        row, own = motion.rows(moments)[each], self._apart(camera, moments)[each]
+        if not terms:
+            return replace(views, points=_moved(motion, row, views.points, own)[0]), None
         late = np.stack([np.ones(len(row)) if term == OFFSET else views.uv[:, 1] / height - 0.5 for term in terms])
-        dt = self.at[camera] @ late
-        points, speed = _moved(motion, row, views.points, dt)
+        points, speed = _moved(motion, row, views.points, own + self.at[camera] @ late)
         modes = late[:, :, None] * speed
         start = points - np.tensordot(self.at[camera], modes, axes=1)
         return (

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from calibrant.arrays import Array, Mask
 from calibrant.calibrate.cell.problem.camera_role import CameraRole
-from calibrant.calibrate.cell.problem.clocks import Clocks
+from calibrant.calibrate.cell.problem.clocks import Clocks, Times
 from calibrant.calibrate.cell.problem.groups import (
     JOINTS,
     PAIR_FLOORS,
@@ -82,7 +82,7 @@ class Cell:
     data: tuple[HandEyeViews, ...]
     roles: Mapping[str, CameraRole]
     free: Mapping[str, FreeJoints]
-    times: Mapping[str, float] = field(default_factory=dict)
+    times: Times = field(default_factory=Times)
     clocks: Clocks | None = None
     same_focal: tuple[()] | tuple[str, str] = ()
 
@@ -263,7 +263,7 @@ def _list_factors(cell: Cell, i: int, *, scale: bool) -> list[Factor]:
     stacked = stack(cell.used_views(i)).noisier(cell.pixel_ratios[p.camera])
     # The mode's amplitude is scale - 1: points + (s - 1) points.
     modes = None if size is None else TargetModes(size, stacked.points[None])
-    if cell.clocks is not None and p.camera in cell.clocks.terms:
+    if cell.clocks is not None and cell.clocks.displaces(p.camera):
         height = cell.roles[p.camera].camera.image_size[1]
         frames = p.camera, cell.layout.carrier(p), cell.layout.target(p)
         stacked, modes = cell.clocks.displaced(*frames, ids, stacked, height)

@@ -1,6 +1,6 @@
 """ChArUco detection, one thread: time and recall of calibrant and of OpenCV's CharucoDetector on the same images.
 
-SYNOPSIS: python benchmarks/detection_charuco.py [--data ../shared/data] [--every 3]
+SYNOPSIS: python benchmarks/detection/charuco.py [--data ../shared/data] [--every 3]
 
 Sets: handeye_rct_charuco_static (1600x1200 photos) and the eight videos of multicam_caliscope_charuco (1280x720, a
 moving board, printed as a negative; frames without the board are in them). OpenCV gets the negative turned back. CPU
@@ -26,7 +26,7 @@ from calibrant.detection.opencv import charuco_corners
 from calibrant.targets.charuco import Charuco
 from calibrant.targets.registry import parse_target
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 PHOTOS = ("handeye_rct_charuco_static/images", "charuco:5x7:36.195mm:18.256mm:DICT_6X6_250")
 VIDEOS = ("multicam_caliscope_charuco", "charuco:4x5:54mm:40.5mm:DICT_4X4_1000:inverted")
 ENOUGH = 8

@@ -1,6 +1,6 @@
 """Chessboard detection, one thread: time and recall of calibrant and OpenCV on the same images in the same run.
 
-SYNOPSIS: python benchmarks/detection_chessboard.py [--data ../shared/data] [--images 12]
+SYNOPSIS: python benchmarks/detection/chessboard.py [--data ../shared/data] [--images 12]
 
 Sets: opencv_stereo_9x6 (640x480) where present, and rendered boards on a textured backdrop at 1280x720 and 1920x1080.
 Times are CPU times, mean over a set, sub-pixel refinement included. Lines of two workers are wall times of the whole
@@ -28,7 +28,7 @@ from calibrant.detection.images.images import load_grey
 from calibrant.detection.pipeline import detect
 from calibrant.targets.chessboard import Chessboard
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "detection"))
 
 from chessboard_pictures import Lens, Pose, facing, picture  # noqa: E402

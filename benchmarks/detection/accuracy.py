@@ -1,6 +1,6 @@
 """Error and stated sigma of detected points on rendered pictures with known truth, beside OpenCV's refinements.
 
-SYNOPSIS: python benchmarks/detection_accuracy.py [--views 8] [--seed 4200] [--levels issue|all] [--only chessboard ...]
+SYNOPSIS: python benchmarks/detection/accuracy.py [--views 8] [--seed 4200] [--levels issue|all] [--only chessboard ...]
 
 Pictures of 1280x1024, five distortion terms, tilts to 55 degrees, uneven light, clutter behind the board. A row is a
 target, a method and a level of blur and noise: RMS error per point over both axes, chi-square of the stated sigma per

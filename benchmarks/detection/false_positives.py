@@ -1,6 +1,6 @@
 """Boards reported in 200 pictures that show none, for every kind of target: must be 0.
 
-python benchmarks/detection_false_positives.py [COUNT]
+python benchmarks/detection/false_positives.py [COUNT]
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import sys
 import time
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from tests.detection.clutter import cluttered
 from tests.detection.test_clutter import SPECS

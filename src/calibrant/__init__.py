@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from calibrant.tasks.verbs import rectify as rectify
     from calibrant.tasks.verbs import report as report
     from calibrant.tasks.verbs import rig as rig
+    from calibrant.tasks.verbs import scan as scan
     from calibrant.tasks.verbs import stereo as stereo
     from calibrant.tasks.verbs import study_methods as study_methods
     from calibrant.tasks.verbs import target as target
@@ -115,6 +116,7 @@ _PUBLIC = {
     "read_poses": ("calibrant.tasks.inputs.pose_files", "read_poses"),
     "rectify": ("calibrant.tasks.verbs", "rectify"),
     "report": ("calibrant.tasks.verbs", "report"),
+    "scan": ("calibrant.tasks.verbs", "scan"),
     "target": ("calibrant.tasks.verbs", "target"),
     "time_offset": ("calibrant.tasks.verbs", "time_offset"),
     "tool_seen": ("calibrant.tasks.verbs", "tool_seen"),

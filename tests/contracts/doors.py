@@ -168,6 +168,16 @@ def _projector_calibrate(files: Files) -> Options:
     return {"captures": [files.folder / "captures"], "projector_size": "128x96", "target": TARGET}
 
 
+def _scan(files: Files) -> Options:
+    _projector_calibrate(files)
+    pair = example_pair(image_size=(480, 360), projector_size=(128, 96))
+    known = files.folder / "projector.json"
+    cameras = {"camera": pair.camera, "projector": pair.projector}
+    place = as_transform("camera", "projector", pair.T_camera_projector)
+    CalibrationResult("projector", "ok", cameras=cameras, transforms=(place,)).write(known, force=True)
+    return {"result": known, "capture": files.folder / "captures" / "pose0"}
+
+
 def _undistort(files: Files) -> Options:
     straight = files.folder / "straight"
     return {"images": [files.images / "00.png"], "camera": files.camera, "out": straight, "force": True}
@@ -213,6 +223,7 @@ CASES: Mapping[str, Callable[[Files], Options]] = {
     "epipolar": _epipolar,
     "depth": _depth,
     "projector calibrate": _projector_calibrate,
+    "scan": _scan,
     "undistort": _undistort,
     "verify unchanged": _verify_unchanged,
 }

@@ -69,7 +69,7 @@ from calibrant.data.details import (
     ViewMotion,
     ViewPlan,
 )
-from calibrant.data.details_projector import ProjectorCapture, ProjectorCaptures, ScanSummary
+from calibrant.data.details_projector import ProjectorCapture, ProjectorCaptures
 from calibrant.data.result_file import read_observations, read_result, write_observations, write_result
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
@@ -100,7 +100,6 @@ def details() -> tuple[object, ...]:
                 ProjectorCapture("1", 63, 0, 0.1, 0.2, 0.0, 1.0, 1.5, 0.0),
             ),
         ),
-        ScanSummary(10, 12, (500.0, 600.1, 1 / 3), (0.1, 0.2, 0.3), 1.1, "cloud.ply"),
         RollingShutter(
             480,
             1 / 3,

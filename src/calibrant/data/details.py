@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from calibrant.data.details_projector import ProjectorCaptures, ScanSummary
+from calibrant.data.details_projector import ProjectorCaptures
 from calibrant.data.details_rig import CameraClock as CameraClock
 from calibrant.data.details_rig import CameraClocks as CameraClocks
 from calibrant.data.details_rig import SharedMoments as SharedMoments
@@ -381,6 +381,5 @@ DETAILS: Mapping[str, type] = {
     "rectified_pair": RectifiedPair,
     "epipolar_matrices": EpipolarMatrices,
     "projector_captures": ProjectorCaptures,
-    "scan": ScanSummary,
 }
 """The key of each record in a result file."""

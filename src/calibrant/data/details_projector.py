@@ -1,4 +1,4 @@
-"""Records of a projector's calibration, and of what it scans (see `details`)."""
+"""Records of a projector's calibration (see `details`)."""
 
 from __future__ import annotations
 
@@ -32,16 +32,3 @@ class ProjectorCaptures:
     code: str
     patterns: int
     captures: tuple[ProjectorCapture, ...]
-
-
-@dataclass(frozen=True)
-class ScanSummary:
-    """A scan: points kept of those decoded; depths and their sigmas, mm (5 %, median and 95 %); the error across the
-    epipolar line over its sigma, rms, which is 1 where the calibration holds."""
-
-    points: int
-    decoded: int
-    depth_mm: tuple[float, float, float]
-    sigma_mm: tuple[float, float, float]
-    across: float
-    file: str | None = None

@@ -78,6 +78,7 @@ TASKS = {
     "dynamic": Entry("robots.dynamic", "Locate a camera beside the robot through the wrist camera."),
     "projector patterns": Entry("projector.patterns", "Write the patterns that a projector shows.", (), judged=False),
     "projector calibrate": Entry("projector.calibrate", "Calibrate a projector from photos of what it shows."),
+    "scan": Entry("projector.scan", "Measure a scene by a projector's patterns."),
     "tool touch": Entry("robots.tool_touch", "The tip from poses in which it touches one point."),
     "tool seen": Entry("robots.tool_seen", "The tip from poses in which a camera that stands still sees it."),
     "tool self-visibility": Entry(

@@ -433,6 +433,18 @@ def projector_calibrate(
     window: str | None = None,
     zero_zone: str | None = None,
 ) -> CalibrationResult: ...
+def scan(
+    result: str | Path,
+    *,
+    capture: str | Path,
+    cloud: str | Path | None = None,
+    picture: str | Path | None = None,
+    code: str = "auto",
+    period: str = "16px",
+    shifts: int = 8,
+    mirror_x: bool = False,
+    force: bool = False,
+) -> CalibrationResult: ...
 def tool_touch(
     *,
     poses: Words,

@@ -5,7 +5,10 @@ the number by D_k, one pixel next to a stripe's edge and many elsewhere, so that
 
     q = n + sum P_k D_k,    sigma_q^2 = 1/12 + sum P_k (1 - P_k) D_k^2,
 
-1/12 of a stripe one pixel wide. Cosines: phi = atan2(sum I_k sin, sum I_k cos) of amplitude B tells q within a period,
+1/12 of a stripe one pixel wide. But a bit that is told nearby and in doubt here, next to D_k = 1, is at its edge: there
+q is known best, and the bit takes (1 - 2 P_k)^2 of the stripe's own.
+
+Cosines: phi = atan2(sum I_k sin, sum I_k cos) of amplitude B tells q within a period,
 
     sigma_q = p / (2 pi) sqrt(2 / n) sigma / B,
 
@@ -23,6 +26,7 @@ from calibrant.arrays import Mask
 from calibrant.detection.structured_light.capture import Capture, Picture
 from calibrant.detection.structured_light.edges import Edges, stripe_edges
 from calibrant.detection.structured_light.light import Light, cosine_sums, light_of
+from calibrant.opencv import cv2
 
 LEAST_RELIABILITY = 4.0
 """Direct light over the noise of a difference: a bit is then wrong once in thirty thousand."""
@@ -30,9 +34,13 @@ MOST_SIGMA = 1.0
 """Pixels: a number that is less certain names no pixel."""
 APART = 5.0
 """Sigmas by which the coarser phase must tell periods apart: once in two million it does not."""
-RIM = 1.5
+RIM = 3.0
 """Pixels at the picture's edge: beyond it there is no light, and blur moves what is found inwards."""
 STEP_VARIANCE = 1 / 12
+EDGE_SIGMA = 0.1
+"""Pixels: how well a stripe's edge is told by one pixel on it, of light that changes over one pixel by most of it."""
+NEAR, RESOLVED = 5, 12.0
+"""A bit is told nearby where, in so many pixels each way, it differs from its inverse by so many sigmas."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,18 +105,22 @@ def by_bits(pairs: list[tuple[Picture, Picture]], sigma: Picture) -> tuple[Pictu
     n = len(pairs)
     number = np.zeros(sigma.shape, dtype=np.int32)
     last = np.zeros_like(number)
-    chances = []
+    doubts = []
     for bit, inverse in pairs:
         d = bit.astype(np.float32) - inverse
         last = last ^ (d > 0)
         number = 2 * number + last
-        chances.append(0.5 * erfc(np.abs(d) / (2 * sigma)))
-    q, variance = number.astype(np.float32), np.full(sigma.shape, STEP_VARIANCE, dtype=np.float32)
-    for k, chance in enumerate(chances):
+        seen = cv2.dilate(np.abs(d), np.ones((NEAR, NEAR), dtype=np.uint8)) > RESOLVED * sigma
+        doubts.append((0.5 * erfc(np.abs(d) / (2 * sigma)), seen))
+    q, beside = number.astype(np.float32), np.ones(sigma.shape, dtype=np.float32)
+    variance = np.zeros(sigma.shape, dtype=np.float32)
+    for k, (chance, seen) in enumerate(doubts):
         moved = ((number ^ ((1 << (n - k)) - 1)) - number).astype(np.float32)
         q += chance * moved
-        variance += chance * (1 - chance) * moved * moved
-    return q, np.sqrt(variance), number
+        edge = seen & (np.abs(moved) == 1)
+        beside *= np.where(edge, (1 - 2 * chance) ** 2, 1)
+        variance += np.where(edge, 0, chance * (1 - chance) * moved * moved)
+    return q, np.sqrt(variance + np.maximum(STEP_VARIANCE * beside, EDGE_SIGMA**2)), number
 
 
 def by_cosine(shots: Picture, period: float, sigma: Picture) -> tuple[Picture, Picture]:

@@ -23,7 +23,7 @@ from calibrant.reports.kinds import (
     undistorted,
     vanishing,
 )
-from calibrant.reports.kinds.eyes import depth, epipolar, pointing, projector, rectified
+from calibrant.reports.kinds.eyes import depth, epipolar, pointing, projector, rectified, scan
 from calibrant.reports.parts.kind import Kind
 from calibrant.reports.parts.phrases import first_transform, placed
 
@@ -49,6 +49,7 @@ KINDS: Mapping[str, Kind] = {
     "observations": observations.KIND,
     "pointing": pointing.KIND,
     "projector": projector.KIND,
+    "scan": scan.KIND,
 }
 
 

@@ -32,14 +32,18 @@ class PatternOptions:
 
     def sequence(self) -> PatternSequence:
         """The sequence. Raises: InputError for a size or period that is none."""
-        from calibrant.patterns.sequence import PatternSequence
-
         found = _SIZE.fullmatch(self.projector_size.strip())
         if found is None:
             what = "is missing" if not self.projector_size else f"is {self.projector_size!r}"
             raise InputError(f"--projector-size {what}; give the projector's own pixels, such as 1024x768")
-        period = pixels(self.period, option="--period") or 0.0
-        if period != int(period):
-            raise InputError(f"--period is a whole number of pixels, such as 16px; got {self.period}")
-        size = (int(found[1]), int(found[2]))
-        return PatternSequence(size, self.code, int(period), self.shifts)
+        return sequence_of((int(found[1]), int(found[2])), self.code, self.period, self.shifts)
+
+
+def sequence_of(size: tuple[int, int], code: str, period: str, shifts: int) -> PatternSequence:
+    """The sequence of a projector of a size. Raises: InputError for a code, period or count that cannot be."""
+    from calibrant.patterns.sequence import PatternSequence
+
+    length = pixels(period, option="--period") or 0.0
+    if length != int(length):
+        raise InputError(f"--period is a whole number of pixels, such as 16px; got {period}")
+    return PatternSequence(size, code, int(length), shifts)

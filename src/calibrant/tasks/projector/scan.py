@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from calibrant.data import CalibrationResult, Check
     from calibrant.detection.structured_light.capture import Capture
     from calibrant.patterns.sequence import PatternSequence
+    from calibrant.perceive.scan.points import Scan
     from calibrant.perceive.stereo.eyes import Eyes
-    from calibrant.perceive.structured_light import Scan
 
 EXAMPLE = 'cb.scan("projector.json", capture="scene", cloud="scene.ply")'
 AUTO = "auto"
@@ -74,8 +74,8 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     from calibrant.data.verdicts import refuse_if_failed
     from calibrant.detection.structured_light.boards import check_size
     from calibrant.detection.structured_light.decode import decode
+    from calibrant.perceive.scan.points import scan
     from calibrant.perceive.stereo.eyes import eyes_of
-    from calibrant.perceive.structured_light import scan
 
     if request.cloud is not None and request.cloud.suffix.lower() != ".ply":
         raise InputError(f"--cloud {request.cloud}: it is written as .ply; give such a name")
@@ -199,6 +199,6 @@ def _documents(request: Request, found: Scan, capture: Capture) -> Iterator[Docu
 
 
 def _drawn(found: Scan, capture: Capture, path: Path) -> bytes:
-    from calibrant.perceive.structured_light import coloured_depth
+    from calibrant.perceive.scan.points import coloured_depth
 
     return encoded(coloured_depth(found, capture.white), path)

@@ -11,8 +11,8 @@ from calibrant.detection.structured_light.decode import Decoded, decode
 from calibrant.errors import RefusedError
 from calibrant.geometry import se3, so3
 from calibrant.patterns.sequence import PatternSequence
+from calibrant.perceive.scan.points import coloured_depth, scan
 from calibrant.perceive.stereo.eyes import Eyes
-from calibrant.perceive.structured_light import coloured_depth, scan
 from calibrant.simulate.projector.pictures import Lighting, photographed
 from calibrant.simulate.projector.points import ProjectorPair, example_pair
 from calibrant.simulate.projector.surfaces import Box, Plane, Scene, Sphere, Surface

@@ -1,0 +1,1 @@
+"""What a projector's patterns say of a scene."""

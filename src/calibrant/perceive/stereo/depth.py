@@ -202,7 +202,7 @@ def _map_of(pair: Rectification, found: Disparity, sparse: Sparse) -> DepthMap:
         points[v, u] = X
         by_matches[v, u] = np.abs(by_d[:, 2]) * found.sigma[v, u]
         J = by_all[:, 2]
-        by_calibration[v, u] = np.sqrt(np.maximum(np.einsum("np,pq,nq->n", J, pair.eyes.covariance, J), 0.0))
+        by_calibration[v, u] = np.sqrt(np.maximum(np.sum((J @ pair.eyes.covariance) * J, axis=1), 0.0))
     return DepthMap(pair, points, by_matches, by_calibration, found, sparse)
 
 

@@ -74,7 +74,9 @@ def certain(
             doubts[name] = doubt
             beside = beside + doubt.covariance
     lenses: dict[str, LensShift] = {}
-    smooth = max((found.chance for found in poses.shared.values()), default=ODDS / (1 + ODDS))
+    # A rig has no arm that errs smoothly: what its moments share is asked by itself, below.
+    arm = 0.0 if cell.layout.rig else ODDS / (1 + ODDS)
+    smooth = max((found.chance for found in poses.shared.values()), default=arm)
     for name, role in cell.roles.items():
         if lens_variable(name) in there and not role.exact:
             shared = lens_shares(cell, solution, name, sigma_px=cell.pixel_level(noise.levels, name).sigma)

@@ -12,6 +12,7 @@ from calibrant.data import CalibrationResult
 if TYPE_CHECKING:
     from calibrant.calibrate.review.coverage import CameraCoverage as CameraCoverage
     from calibrant.calibrate.review.residuals import ViewResiduals as ViewResiduals
+    from calibrant.calibrate.stereo.drawn import DrawnPair as DrawnPair
     from calibrant.diagnose.budget.workspace import WorkspaceUncertainty
     from calibrant.diagnose.loop import LoopView
 
@@ -44,6 +45,13 @@ class Look:
         from calibrant.diagnose.loop import loop_views
 
         return loop_views(self.result)
+
+    @cached_property
+    def drawn_pairs(self) -> tuple[DrawnPair, ...]:
+        """Pairs of pictures with epipolar lines, the worst first, of a stereo result."""
+        from calibrant.calibrate.stereo.drawn import drawn_pairs
+
+        return drawn_pairs(self.result)
 
     @cached_property
     def coverage(self) -> tuple[CameraCoverage, ...]:

@@ -52,7 +52,7 @@ def report_page(
     parts = sections(seen, images={view: Path(file) for view, file in (images or {}).items()})
     after = () if then is None else (Block("command", {"words": then[0], "command": then[1]}),)
     page = result_head(seen.result, (*after, *parts.blocks))
-    drawn = [asset("result.js"), asset("scene.js")] if parts.data is not None else []
+    drawn = [asset("result.js"), asset("scene.js"), asset("pairs.js")] if parts.data is not None else []
     return render(replace(page, data=parts.data, scripts=[*drawn, asset("copy.js")]))
 
 

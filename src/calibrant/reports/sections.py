@@ -74,6 +74,7 @@ def sections(look: Look, *, images: Mapping[str, Path]) -> Sections:
     blocks: list[Block | None] = [
         *(answered if result.verdict != "refused" else reversed(answered)),
         *(table.block for table in kind.tables(result)),
+        *kind.blocks(look),
         Block("workspace", {"workspaces": workspace_blocks(look)}) if look.workspaces else None,
         Block("methods", {"methods": method_rows(result)}) if result.methods else None,
         None if world is None else Block("scene", {"loop_sentence": _loop_sentence(look.loop, out)}),

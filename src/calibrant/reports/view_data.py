@@ -63,8 +63,10 @@ def page_views(
             # Pictures may run out: those to look at first are of views left out or flagged, then of the worst.
             files.append((-np.inf if row.reason else -(row.rms_px or 0.0), page["key"], path))
     files.sort(key=lambda item: item[0])
-    mirror_x = bool(result.options.get("mirror_x", False))
-    pictures, remark = data_uris([f[1:] for f in files], budget=_PICTURE_BUDGET, mirror_x=mirror_x)
+    said = result.options.get("mirror_x", False)
+    # Of several cameras those are named that deliver mirror images.
+    mirrored = {f[1] for f in files if said is True or (said and f[1].partition("/")[0] in said)}
+    pictures, remark = data_uris([f[1:] for f in files], budget=_PICTURE_BUDGET, mirrored=mirrored)
     return PageViews(pages, pictures, remark)
 
 

@@ -16,14 +16,13 @@ from calibrant.reports.kinds import (
     pose,
     rig,
     self_visibility,
-    stereo,
     time_offset,
     tool,
     unchanged,
     undistorted,
     vanishing,
 )
-from calibrant.reports.kinds.eyes import depth, epipolar, pointing, projector, rectified, scan
+from calibrant.reports.kinds.eyes import depth, epipolar, pointing, projector, rectified, scan, stereo
 from calibrant.reports.parts.kind import Kind
 from calibrant.reports.parts.phrases import first_transform, placed
 

@@ -133,7 +133,8 @@ def _pictures(result: CalibrationResult, photos: tuple[PhotoShift, ...]) -> list
     from calibrant.reports.parts.pictures import data_uris
 
     files = [(p.id, Path(p.file)) for p in photos if p.file]
-    found, _ = data_uris(files, budget=_PICTURES, mirror_x=bool(result.options.get("mirror_x", False)))
+    mirrored = [name for name, _ in files] if result.options.get("mirror_x", False) else []
+    found, _ = data_uris(files, budget=_PICTURES, mirrored=mirrored)
     return [found.get(p.id, "") for p in photos]
 
 

@@ -26,14 +26,20 @@ def no_tables(result: CalibrationResult) -> list[TextTable]:
     return []
 
 
+def no_blocks(look: Look) -> list[Block]:
+    """For a kind without drawings of its own."""
+    return []
+
+
 @dataclass(frozen=True)
 class Kind:
     """How results of a kind are told, by a terminal, a page, `print` and a notebook alike.
 
     headline: the few figures that answer "how good is it". answer: one sentence that says how well what was asked for
     is known, empty where nothing says so. facts: errors and noise. rows: what the rows of the result are, in the
-    plural. tables: what only this kind has. said: how names of checks begin whose message is an answer, shown though
-    they passed. page and terminal: in place of the parts that other kinds have, for a kind that is no calibration.
+    plural. tables: what only this kind has; blocks: the same, drawn, for a page. said: how names of checks begin whose
+    message is an answer, shown though they passed. page and terminal: in place of the parts that other kinds have, for
+    a kind that is no calibration.
     verdicts: own words for "ok", "warn" and "refused", where GOOD and DO NOT USE do not fit. judged: the verdict's word
     and its sentence, where they follow from more than that.
     """
@@ -44,6 +50,7 @@ class Kind:
     facts: Callable[[CalibrationResult], list[Fact]] = noise_facts
     rows: str = "views"
     tables: Callable[[CalibrationResult], list[TextTable]] = no_tables
+    blocks: Callable[[Look], list[Block]] = no_blocks
     said: tuple[str, ...] = ()
     page: Callable[[Look], list[Block]] | None = None
     terminal: Callable[[CalibrationResult], list[RenderableType]] | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +19,13 @@ _QUALITY = 72
 """Corners stay clear under the residual arrows; higher only adds bytes."""
 
 
-def data_uris(files: Sequence[tuple[str, Path]], *, budget: int, mirror_x: bool) -> tuple[dict[str, str], str]:
+def data_uris(
+    files: Sequence[tuple[str, Path]], *, budget: int, mirrored: Collection[str] = ()
+) -> tuple[dict[str, str], str]:
     """JPEG data URIs by view, and a sentence on what is missing (empty when nothing is).
 
-    Args: files, (view key, path) in order of importance; budget, bytes of all URIs together; mirror_x, whether the
-    observations were made on mirrored images.
+    Args: files, (view key, path) in order of importance; budget, bytes of all URIs together; mirrored, the keys of
+    views whose observations were made on mirrored images.
     """
     chosen, images, missing = files[:_MOST_PICTURES], {}, []
     for key, path in chosen:
@@ -31,7 +33,7 @@ def data_uris(files: Sequence[tuple[str, Path]], *, budget: int, mirror_x: bool)
         if image is None:
             missing.append(path.name)
         else:
-            images[key] = image[:, ::-1] if mirror_x else image
+            images[key] = image[:, ::-1] if key in mirrored else image
     encoded: dict[str, str] = {}
     for width in _WIDTHS:
         encoded = {key: _encode(image, width) for key, image in images.items()}

@@ -1,6 +1,6 @@
 """Are the errors of a stereo pair as large as it states? Pairs of points, no pictures, over many seeds.
 
-    python benchmarks/stereo.py [--seeds 1000] [--first 0] [--workers 2]
+    python benchmarks/eyes/stereo.py [--seeds 1000] [--first 0] [--workers 2]
 
 Each seed draws 14 poses of a 9 x 6 board of 25 mm before two cameras of different lens and size, 120 mm apart, 0.1 px
 of noise; the right one misses part of some boards. Normalised: root mean square of error over stated sigma (of the

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from calibrant.cameras import Camera, camera_model
+from calibrant.data import CalibrationResult
 from calibrant.errors import InputError
 from calibrant.formats.cameras.opencv import write_intrinsics
 from calibrant.formats.cameras.opencv_storage import read_json, read_xml, read_yaml, yaml_text
@@ -54,6 +55,45 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     back = read_camera(write_intrinsics(pinhole, tmp_path / "pinhole.yml"))
     assert back.model.name == "pinhole"
     np.testing.assert_array_equal(back.values, pinhole.values)
+
+
+STEREO = """%YAML:1.0
+---
+M1: !!opencv-matrix
+   {rows: 3, cols: 3, dt: d, data: [500., 0., 320., 0., 501., 240., 0., 0., 1.]}
+D1: !!opencv-matrix
+   {rows: 1, cols: 5, dt: d, data: [-0.1, 0.01, 0.001, 0.002, 0.]}
+M2: !!opencv-matrix
+   {rows: 3, cols: 3, dt: d, data: [510., 0., 330., 0., 511., 250., 0., 0., 1.]}
+D2: !!opencv-matrix
+   {rows: 1, cols: 5, dt: d, data: [-0.2, 0.02, 0.003, 0.004, 0.]}
+"""
+
+
+@pytest.mark.parametrize(("name", "fx", "k1"), [("left", 500.0, -0.1), ("right", 510.0, -0.2)])
+def test_each_camera_of_a_stereo_file_can_be_read(tmp_path: Path, name: str, fx: float, k1: float) -> None:
+    (tmp_path / "stereo.yml").write_text(STEREO)
+    camera = read_camera(tmp_path / "stereo.yml", image_size=(640, 480), name=name)
+    assert (camera.parameters["fx"], camera.parameters["k1"]) == (fx, k1)
+
+
+def test_a_stereo_file_says_which_cameras_it_has(tmp_path: Path) -> None:
+    (tmp_path / "stereo.yml").write_text(STEREO)
+    with pytest.raises(InputError, match="the cameras left and right, none of them 'up'"):
+        read_camera(tmp_path / "stereo.yml", image_size=(640, 480), name="up")
+    with pytest.raises(InputError, match="two camera matrices, M1 and M2"):
+        read_camera(tmp_path / "stereo.yml", image_size=(640, 480))
+
+
+def test_the_named_camera_of_a_result_is_read(tmp_path: Path) -> None:
+    other = Camera.create("pinhole", {"fx": 500, "fy": 501, "cx": 1, "cy": 2}, image_size=(64, 48))
+    both = CalibrationResult("rig", "ok", cameras={"left": CAMERA, "right": other}).write(tmp_path / "rig.json")
+    assert read_camera(both, name="right").model.name == "pinhole"
+    np.testing.assert_array_equal(read_camera(both, name="left").values, CAMERA.values)
+    with pytest.raises(InputError, match="a result with the cameras left, right, none of them 'up'"):
+        read_camera(both, name="up")
+    alone = CalibrationResult("intrinsics", "ok", cameras={"camera": CAMERA}).write(tmp_path / "alone.json")
+    np.testing.assert_array_equal(read_camera(alone, name="left").values, CAMERA.values)
 
 
 def test_an_existing_file_is_kept(tmp_path: Path) -> None:

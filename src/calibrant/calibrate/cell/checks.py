@@ -137,7 +137,8 @@ def together_check(camera: str, together: float, own: float) -> Check:
 def shared_moments_check(pairs: Sequence[CameraPair]) -> Check:
     """Is every camera of a rig tied to the others by moments enough?"""
     weakest = min(pairs, key=lambda p: p.shared)
-    text = f"{weakest.a} and {weakest.b} are tied by {weakest.shared} common moments, the fewest of the rig"
+    moments = f"{weakest.shared} common moment{'' if weakest.shared == 1 else 's'}"
+    text = f"{weakest.a} and {weakest.b} are tied by {moments}, the fewest of the rig"
     few = weakest.shared < FEW_SHARED_MOMENTS
     if few:
         text += f"; {FEW_SHARED_MOMENTS} or more make it reliable"

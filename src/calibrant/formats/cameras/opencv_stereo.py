@@ -6,6 +6,9 @@ millimetres (`T_unit`), E = [T]x R and F of undistorted pixels.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +19,12 @@ from calibrant.formats.cameras.opencv import distortion_coefficients, is_opencvs
 from calibrant.formats.cameras.opencv_storage import yaml_text
 
 _MM = 1e3
+_SIDES = ("left", "right")
+"""What the first and the second camera are called where the file does not say."""
+_SECOND = ("K2", "M2", "cameraMatrix2", "camera_matrix_2")
+"""Keys that only files of two cameras have."""
+_SHARED = ("image_width", "image_height", "image_size", "imageSize")
+"""What both cameras of a pair may have in common."""
 
 
 def is_opencvs_pair(result: CalibrationResult) -> bool:
@@ -57,3 +66,21 @@ def stereo_text(result: CalibrationResult) -> str:
     if result.rms_px is not None:
         values["avg_reprojection_error"] = float(result.rms_px)
     return yaml_text(values)
+
+
+def of_pair(data: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """What a stereo file says of one of its cameras, under keys without its number; other files' data as they are.
+
+    name: as the file calls it (camera_1, camera_2), else left or right. Raises: InputError for any other.
+    """
+    if not any(key in data for key in _SECOND):
+        return data
+    names = [str(data.get(f"camera_{number}", side)) for number, side in enumerate(_SIDES, start=1)]
+    if name not in names:
+        raise InputError(f"a stereo file with the cameras {' and '.join(names)}, none of them {name!r}")
+    mine = str(names.index(name) + 1)
+    found = {key: data[key] for key in _SHARED if key in data}
+    found |= {key[:-1].rstrip("_"): value for key, value in data.items() if key.endswith(mine)}
+    found.pop("camera", None)
+    matrix = found.pop("M", None)  # OpenCV's samples call K so
+    return found if matrix is None else {"K": matrix, **found}

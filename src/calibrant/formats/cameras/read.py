@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from calibrant.cameras import Camera
+from calibrant.data import CalibrationResult
 from calibrant.data.result_encoding import FORMAT
 from calibrant.data.result_file import read_result
 from calibrant.errors import InputError
 from calibrant.formats.cameras.camera_format import CameraFormat, Size, size_or_refuse
 from calibrant.formats.cameras.described import DESCRIBED
+from calibrant.formats.cameras.opencv_stereo import of_pair
 from calibrant.formats.cameras.opencv_storage import read_json, read_xml, read_yaml_documents
 from calibrant.reading.files import read_text
 
@@ -19,28 +21,37 @@ FORMATS: tuple[CameraFormat, ...] = (DESCRIBED,)
 """Formats of other programs, tried in this order."""
 
 
-def read_camera(path: str | Path, *, image_size: Size | None = None) -> Camera:
+def read_camera(path: str | Path, *, image_size: Size | None = None, name: str | None = None) -> Camera:
     """The camera in a file: a result of calibrant, OpenCV YAML, XML or JSON, ROS camera_info, or named intrinsics.
 
     image_size (width, height) px, where the caller knows it: needed by files that do not hold it, checked on others.
+    name: which camera, of a file of several: one of a result's, or the left or right one of OpenCV's stereo file.
     Raises: InputError naming the file, what it holds and which formats are read.
     """
     path = Path(path)
     data = _data(path)
     try:
         if str(data.get("format", "")).startswith(FORMAT.partition("/")[0]):
-            camera = read_result(path).camera
+            camera = _of_result(read_result(path), name)
             size_or_refuse(camera.image_size, image_size)
             return camera
+        mine = data if name is None else of_pair(data, name)
         for form in FORMATS:
-            if form.matches(data):
-                return form.read(data, image_size, str(path))
+            if form.matches(mine):
+                return form.read(mine, image_size, str(path))
     except InputError as error:
         text = str(error)
         raise InputError(text if text.startswith(str(path)) else f"{path}: {text}") from error
     listed = ", ".join(repr(str(key)) for key in list(data)[:8]) or "(none)"
     known = ", ".join(("calibrant result (JSON)", *(form.name for form in FORMATS)))
     raise InputError(f"{path}: no camera in it; its keys are {listed}; formats read: {known}")
+
+
+def _of_result(result: CalibrationResult, name: str | None) -> Camera:
+    """The only camera, whatever it is called, or the one of that name."""
+    if len(result.cameras) > 1 and name is not None and name not in result.cameras:
+        raise InputError(f"a result with the cameras {', '.join(result.cameras)}, none of them {name!r}")
+    return result.cameras[name] if len(result.cameras) > 1 and name is not None else result.camera
 
 
 def _data(path: Path) -> Mapping[str, Any]:

@@ -214,4 +214,4 @@ def _cameras(values: tuple[str, ...], option: str, sizes: Mapping[str, tuple[int
     from calibrant.formats.cameras.read import read_camera
 
     files = files_by_camera(values, tuple(sizes), option=option)
-    return {name: read_camera(file, image_size=sizes[name]) for name, file in files.items()}
+    return {name: read_camera(file, image_size=sizes[name], name=name) for name, file in files.items()}

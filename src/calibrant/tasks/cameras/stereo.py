@@ -171,7 +171,7 @@ def _cameras(values: tuple[str, ...], option: str, found: Observations) -> dict[
     from calibrant.formats.cameras.read import read_camera
 
     files = _named(_files(values, option), tuple(found.image_sizes))
-    return {name: read_camera(file, image_size=found.image_sizes[name]) for name, file in files.items()}
+    return {name: read_camera(file, image_size=found.image_sizes[name], name=name) for name, file in files.items()}
 
 
 def _asked_for(result: CalibrationResult, request: Request) -> tuple[Document, ...]:

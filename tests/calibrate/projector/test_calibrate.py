@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibrant.calibrate.cell.lit.checks import least_told
 from calibrant.calibrate.projector.calibrate import calibrate_projector
-from calibrant.calibrate.projector.checks import least_told
 from calibrant.data import CalibrationResult, Observations
 from calibrant.errors import InputError, RefusedError
 from calibrant.simulate.projector.points import ProjectorPair, board_poses, carried_views, example_pair

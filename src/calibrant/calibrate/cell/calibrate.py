@@ -7,9 +7,10 @@ joint readings, a robot's own errors (joint offsets) are found in the same probl
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +20,10 @@ from calibrant.calibrate.cell.certainty.accuracy import RobotAccuracy
 from calibrant.calibrate.cell.certainty.accuracy import robot_accuracy as as_accuracy
 from calibrant.calibrate.cell.certainty.whole import Certainty, certain
 from calibrant.calibrate.cell.clocks import clocks_asked, refined_with_clocks
+from calibrant.calibrate.cell.fitted import fitted_cameras
 from calibrant.calibrate.cell.lens_choice import MODEL, FixForEach, ForEach, LensChoice, lens_choices, lenses_asked
+from calibrant.calibrate.cell.lit.checks import with_projector_checks
+from calibrant.calibrate.cell.lit.told import Fixed, fit_told, lit_start, projectors
 from calibrant.calibrate.cell.moments.at_once import seen_at_once
 from calibrant.calibrate.cell.moments.numbering import numbered_at_once
 from calibrant.calibrate.cell.problem.camera_role import CameraRole
@@ -58,7 +62,7 @@ from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Check, Observations, RobotPoses, ViewResult
 from calibrant.data.verdicts import refuse_if_failed, stamp
 from calibrant.errors import InputError, RefusedError, causes
-from calibrant.expected import expect
+from calibrant.expected import expect, names_of
 from calibrant.optimize.noise import NoiseEstimate
 
 if TYPE_CHECKING:
@@ -126,29 +130,53 @@ def calibrate_cell(
         result.transform("left", "right").matrix
     """
     told = told_accuracies(robot_accuracy)
-    fit = fit_cell(
-        robots,
-        pictures,
-        cameras=cameras,
-        joints=joints,
-        identify=identify,
-        initial=initial,
-        model=model,
-        fix=fix,
-        accuracies=told,
-        rigid=rigid,
-        touches=touches,
+    lists = _listed(pictures)
+    sources = projectors(lists)
+    attempt = partial(fit_cell, robots, lists, joints=joints, identify=identify, accuracies=told, rigid=rigid)
+    attempt = partial(attempt, cameras=cameras, model=model, touches=touches)
+    fit, left_out = fit_with_projectors(
+        attempt, lists, sources, cameras=cameras or {}, initial=initial, model=model, fix=fix
     )
-    asked = lenses_asked(fix, initial)
+    asked = lenses_asked(fix, initial) | accuracies_asked(told)
     asked |= {"identify": list(identify)} if fit.cell.free else {}
-    asked |= accuracies_asked(told)
     asked |= {"rigid": [list(group) for group in rigid]} if rigid else {}
     asked |= {"touches": [repr(t) for t in touches]} if touches else {}
-    return judged_cell(fit, asked)
+    return with_projector_checks(judged_cell(fit, asked), sources, left_out)
 
 
 calibrate_several = calibrate_cell
 """Another name of it."""
+
+
+def fit_with_projectors(
+    attempt: Callable[..., CellFit],
+    pictures: Sequence[Pictures],
+    sources: Mapping[str, str],
+    *,
+    cameras: Mapping[str, Camera],
+    initial: Mapping[str, Camera] | None,
+    model: ForEach,
+    fix: FixForEach,
+) -> tuple[CellFit, dict[str, tuple[str, ...]]]:
+    """The fit with projectors, which are found in the whole with their cameras (`lit`), and terms that nothing tells.
+
+    attempt: takes initial, fix and together, as `fit_cell` has them; sources: by projector, its camera. Errors are
+    those of `fit_cell`, and of `lit_start`.
+    """
+    if not sources:
+        return attempt(initial=initial, fix=fix), {}
+    names = dict.fromkeys(p.camera for p in pictures if p.seen is not None)
+    models = dict.fromkeys(names, MODEL) | (dict(model) if isinstance(model, Mapping) else dict.fromkeys(names, model))
+    said = fix if isinstance(fix, Mapping) else dict.fromkeys(names, fix)
+    fixed = {n: tuple(names_of(said.get(n, ()), "fix", "a list of names")) for n in (*names, *said)}
+    start = lit_start(pictures, sources, cameras=cameras, initial=initial or {}, models=models, fixed=fixed)
+
+    def lenses_of(lenses: dict[str, Camera], more: Fixed) -> tuple[CellFit, Mapping[str, Camera]]:
+        held = {n: (*fixed[n], *more.get(n, ())) for n in fixed}
+        fit = attempt(initial={**(initial or {}), **lenses}, fix=held, together=tuple(lenses))
+        return fit, fitted_cameras(fit.cell, fit.noise.solution)
+
+    return fit_told(lenses_of, start)
 
 
 def judged_cell(fit: CellFit, asked: Mapping[str, object]) -> CalibrationResult:
@@ -191,11 +219,7 @@ def fit_cell(
     """The fit behind `calibrate_cell`; arguments and errors as there. reference: the root camera of a rig; together:
     cameras that their own views need not determine (`LensChoice`); times, time_offsets, readout: as `calibrate_rig` has
     them; same_focal: two cameras, both calibrated from their pictures, of one focal length."""
-    pictures = [pictures] if isinstance(pictures, Pictures) else pictures
-    expect(pictures, (list, tuple), "pictures", "a list of Pictures, one for each camera, robot and setup")
-    for one in pictures:
-        expect(one, Pictures, "one of pictures", "Pictures")
-    where = layout(robots, _with_own_ids(pictures), reference, rigid, touches)
+    where = layout(robots, _with_own_ids(_listed(pictures)), reference, rigid, touches)
     for name in accuracies or {}:
         if name not in where.robots:
             there = ", ".join(where.robots)
@@ -226,6 +250,15 @@ def fit_cell(
         loose = {name: found for name in held if (found := with_lens_free(cell, noise.solution, name)) is not None}
         noise, certainty = certain(cell, noise, freed, accuracies or {}, loose)
     return CellFit(noise, cell, start, left_out, (*numbering, *by_hand, *at_once), sizes, certainty)
+
+
+def _listed(pictures: Sequence[Pictures] | Pictures) -> Sequence[Pictures]:
+    """Raises: InputError for what is no list of pictures."""
+    pictures = [pictures] if isinstance(pictures, Pictures) else pictures
+    expect(pictures, (list, tuple), "pictures", "a list of Pictures, one for each camera, robot and setup")
+    for one in pictures:
+        expect(one, Pictures, "one of pictures", "Pictures")
+    return pictures
 
 
 @contextmanager

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 
 from calibrant.calibrate.reprojection.weak_terms import corner_reach, term_sigma
 from calibrant.cameras import Camera
-from calibrant.data import CalibrationResult, Check
+from calibrant.data import CalibrationResult, Check, verdict_of
 
 UNTOLD = 0.5
 """Of the prior's sigma: a quarter or more of what is known of a term this uncertain comes from the prior."""
@@ -14,10 +15,16 @@ BESIDE = 2.0
 """Sigmas from 0 at which a term is told all the same."""
 
 
-def projector_checks(result: CalibrationResult, left_out: Mapping[str, Sequence[str]]) -> tuple[Check, ...]:
-    """The checks of a projector beside those of every rig. left_out: terms that nothing told, by lens."""
+def with_projector_checks(
+    result: CalibrationResult, projectors: Collection[str], left_out: Mapping[str, Sequence[str]]
+) -> CalibrationResult:
+    """The result with what projectors are asked beside all else. left_out: terms that nothing told, by lens."""
+    if not projectors:
+        return result
     terms = [_terms_check(name, terms) for name, terms in left_out.items()]
-    return (*terms, _shift_check(result.cameras["projector"]))
+    shifts = [_shift_check(name, result.cameras[name], alone=len(projectors) == 1) for name in projectors]
+    checks = (*result.checks, *terms, *shifts)
+    return replace(result, checks=checks, verdict=verdict_of(checks))
 
 
 def least_told(camera: Camera) -> str | None:
@@ -41,7 +48,7 @@ def _terms_check(name: str, left_out: Sequence[str]) -> Check:
     return Check(f"weak-terms-{name}", "ok", message, float(len(left_out)))
 
 
-def _shift_check(projector: Camera) -> Check:
+def _shift_check(name: str, projector: Camera, *, alone: bool) -> Check:
     """Where the axis leaves the picture: projectors for tables and walls throw their picture to one side."""
     width, height = projector.image_size
     cx, cy = projector.parameters["cx"], projector.parameters["cy"]
@@ -51,4 +58,5 @@ def _shift_check(projector: Camera) -> Check:
         f"the principal point is {x:+.0%} of the picture's width and {y:+.0%} of its height off the middle"
         f"{', outside the picture: the lens is shifted' if outside else ''}"
     )
-    return Check("lens-shift", "ok", message, float(max(abs(x), abs(y), key=abs)))
+    label, words = ("", "") if alone else (f"-{name}", f"{name}: ")
+    return Check(f"lens-shift{label}", "ok", f"{words}{message}", float(max(abs(x), abs(y), key=abs)))

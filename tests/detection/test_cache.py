@@ -56,9 +56,15 @@ def test_the_second_run_searches_nothing(images: Path, tmp_path: Path, monkeypat
     first = detect(images, target=BOARD, cache=tmp_path / "kept")
     monkeypatch.setattr(pipeline, "detect_file", refuse)
     assert same(detect(images, target=BOARD, cache=tmp_path / "kept"), first)
-    # A copy under another name is the same picture.
-    (images / "copy.png").write_bytes((images / "1.png").read_bytes())
-    assert len(detect(images, target=BOARD, cache=tmp_path / "kept").views) == 4
+    # Under another name it is the same picture.
+    (images / "1.png").rename(images / "renamed.png")
+    views = detect(images, target=BOARD, cache=tmp_path / "kept").views
+    assert [v.id for v in views] == ["0.png", "2.png", "renamed.png"]
+    # And its copy is searched no more, but counts once.
+    (images / "copy.png").write_bytes((images / "renamed.png").read_bytes())
+    again = detect(images, target=BOARD, cache=tmp_path / "kept")
+    assert len(again.views) == 3
+    assert [m.id for m in again.missed] == ["9.png", "renamed.png"]
 
 
 def test_what_changes_the_answer_changes_the_key(images: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,8 +9,10 @@ from pathlib import Path
 import pytest
 
 from calibrant.cli.command import Command, parse, values_of
+from calibrant.tasks.registry import TASKS
 
 COMMANDS = ["demo", "target", "detect", "intrinsics", "hand-eye", "report"]
+LISTED = list(dict.fromkeys(name.split()[0] for name in TASKS))
 
 
 def process(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
@@ -31,7 +33,7 @@ def test_help_explains_without_loading_the_heavy_libraries(command: list[str]) -
     assert (done.returncode, done.stderr) == (0, "")
     assert "Usage: calibrant" in done.stdout
     if not command:
-        assert all(f"  {name} " in done.stdout for name in COMMANDS)
+        assert [name for name in LISTED if f"  {name} " not in done.stdout] == []
         assert "..." not in done.stdout.split("Commands:")[1]  # no description is cut
 
 

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calibrant.errors import InputError
+from calibrant.errors import DetectionError, InputError
 from calibrant.tasks.inputs.by_side import SIDES
 from calibrant.tasks.inputs.image_moments import ImageMoments, images_by_moment, matched_images
 from calibrant.tasks.inputs.seen_together import of_camera, together
@@ -78,8 +78,14 @@ class StereoPictures:
         """What both cameras saw. Raises: InputError, DetectionError."""
         if self.observations is not None:
             return _of_two(Source(observations=self.observations).read([]), self.observations)
-        parts = [of_camera(self.sources[side].read(list(files)), side, files) for side, files in self.moments.items()]
-        return together(parts)
+        return together([of_camera(self._seen(side, files), side, files) for side, files in self.moments.items()])
+
+    def _seen(self, side: str, files: Mapping[Path, str]) -> Observations:
+        """What one camera saw. Raises: DetectionError that names it, where that is nothing."""
+        try:
+            return self.sources[side].read(list(files))
+        except DetectionError as error:
+            raise DetectionError(f"camera {side}: {error}") from error
 
     def look_again(self, found: Observations, cameras: Mapping[str, Camera]) -> Observations:
         """The observations with the corners that known cameras help to find; itself where none was found."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,9 +10,12 @@ import pytest
 
 from calibrant.calibrate.cell.calibrate import calibrate_cell
 from calibrant.calibrate.cell.problem.layout import HANDHELD, Pictures
+from calibrant.calibrate.cell.rig import calibrate_rig
 from calibrant.calibrate.cell.stated import stated_layout
 from calibrant.calibrate.reprojection.links import Link, link_maps
+from calibrant.calibrate.stereo.calibrate import calibrate_stereo
 from calibrant.data import CalibrationResult, Observations, RobotPoses, View
+from calibrant.diagnose.budget.cell import error_budget
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3, so3
 from calibrant.simulate.noise import noisy_poses
@@ -189,3 +193,28 @@ def test_cameras_on_two_bodies_are_not_tied_by_one_target() -> None:
     far = replace(seen, views=tuple(replace(v, moment=f"other {v.moment}") for v in seen.views))
     with pytest.raises(RefusedError, match="saw the target at no moment together"):
         calibrate_cell(poses, [*lists[:3], replace(lists[3], observations=far, camera="third")], cameras=BOTH)
+
+
+@pytest.mark.parametrize("door", [calibrate_rig, calibrate_stereo])
+def test_rigs_and_stereo_are_cells_digit_for_digit(door: Callable[[Observations], CalibrationResult]) -> None:
+    lists = wrist(6)[1][2:]
+    left, right = (p.seen for p in lists)
+    assert left is not None
+    assert right is not None
+    both = Observations((*left.views, *right.views), {**left.image_sizes, **right.image_sizes})
+    first, second = door(both), calibrate_cell({}, lists)
+    np.testing.assert_array_equal(
+        first.transform("left", "right").covariance, second.transform("left", "right").covariance
+    )
+    np.testing.assert_array_equal(first.transform("left", "right").matrix, second.transform("left", "right").matrix)
+    for name in BOTH:
+        np.testing.assert_array_equal(first.cameras[name].values, second.cameras[name].values)
+
+
+def test_a_board_on_the_table_and_in_a_hand_is_two_frames_of_one_size() -> None:
+    poses, lists = wrist(7, right=4)
+    lists = [replace(p, target="board") for p in lists]
+    result = calibrate_cell(poses, lists, cameras=BOTH)
+    assert normalised(result.transform("base", "base_board"), Z_TABLE) / 6 < 4
+    with pytest.raises(InputError, match="moved by hand"):
+        error_budget(result)

@@ -162,6 +162,7 @@ def test_touched_corners_tighten_what_the_camera_says_of_the_board() -> None:
     sigma = [np.linalg.norm(r.transform("base", "target").sigma_translation_mm) for r in (without, whole)]
     assert sigma[1] < 0.8 * sigma[0]
     assert whole.check("touches-tip").status == "ok"
+    assert "gripper → tip, position" in str(whole)
     assert whole.options["touches"] == ["Touches(8 of point with tip)", "Touches(5 of target with tip)"]
 
 

@@ -50,6 +50,11 @@ def fit_again(result: CalibrationResult) -> CellAgain:
     layout = cell_layout(result)
     if layout is None:
         raise InputError("the result holds neither observations nor target poses; calibrate again with this version")
+    if any(p.handheld for p in layout.pictures):
+        raise InputError(
+            "the result is of a cell with targets moved by hand: the error budget takes robots alone; its "
+            "joint_covariance holds what all pictures say"
+        )
     cameras = {p.camera: _camera_of(result, p.camera) for p in layout.pictures if p.seen is not None}
     data = tuple(_as_fitted(result, layout, p, cameras.get(p.camera)) for p in layout.pictures)
     layout = _with_fitted_poses(result, layout, data)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from functools import partial
 
+import numpy as np
+
 from calibrant.data import CalibrationResult, TransformEstimate
 from calibrant.data.details import ArmErrors
 from calibrant.reports.parts.blocks import TextTable
@@ -26,7 +28,20 @@ def _camera_transforms(result: CalibrationResult) -> list[TransformEstimate]:
 
 def _headline(result: CalibrationResult) -> list[Fact]:
     # What was asked about stands first.
-    return [*_in_workspace(result), *placed(result, _camera_transforms(result))]
+    return [*_in_workspace(result), *placed(result, _camera_transforms(result)), *_tips(result)]
+
+
+def _tips(result: CalibrationResult) -> list[Fact]:
+    """Tips of tools, and points that they touched: places without axes of their own."""
+    out = []
+    for t in result.transforms:
+        if t.covariance is None or np.any(t.covariance[:3]) or not np.any(t.covariance[3:, 3:]):
+            continue
+        x, y, z = 1e3 * t.matrix[:3, 3]
+        worst = 1e3 * float(np.sqrt(np.linalg.eigvalsh(t.covariance[3:, 3:])[-1]))
+        where = f"x {x:.2f}, y {y:.2f}, z {z:.2f} ± {sigma_text(worst)} mm"
+        out.append(Fact(f"{t.parent} → {t.child}, position", where, "1σ, worst axis"))
+    return out
 
 
 def _in_workspace(result: CalibrationResult) -> list[Fact]:

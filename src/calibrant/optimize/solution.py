@@ -118,13 +118,29 @@ class Solution:
         return f.loss.evaluate(norms**2)[1]
 
     @cached_property
+    def plain(self) -> Solution:
+        """The same without `around` and `beside`: what follows from the equations alone is computed there, once."""
+        return replace(self, around=(), beside=None) if self.around or self.beside is not None else self
+
+    def with_beside(self, beside: Array | None) -> Solution:
+        """The same with other errors beside, and with what is computed already."""
+        other = replace(self, beside=beside)
+        if other.around or beside is not None:
+            other.__dict__["plain"] = self.plain
+        return other
+
+    @cached_property
     def _parts(self) -> tuple[Elimination, ...]:
+        if self.plain is not self:
+            return self.plain._parts
         e = self.equations
         return tuple(linear.eliminate(V, W, v, 0.0) for V, W, v in zip(e.V, e.W, e.v))
 
     @cached_property
     def unobservable(self) -> tuple[Unobservable, ...]:
         """Directions that the data do not determine: empty for a well-posed problem."""
+        if self.plain is not self:
+            return self.plain.unobservable
         weak = unobservable.of_components(self.problem, self._parts)
         if weak:
             return weak
@@ -136,6 +152,8 @@ class Solution:
         """Scale, inverse of the scaled shared matrix, and its unit null vectors (s, n_null), scaled."""
         from calibrant.optimize import linear_kernels
 
+        if self.plain is not self:
+            return self.plain._shared_spectrum
         S, _ = linear.reduce_shared(self.equations, self._parts)
         diagonal = np.diag(self.equations.S) if len(S) else np.zeros(0)
         scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
@@ -171,6 +189,8 @@ class Solution:
 
         Raises: RefusedError naming what the data do not determine.
         """
+        if self.plain is not self:
+            return self.plain.shared_covariance
         if self.unobservable:
             raise RefusedError(
                 "the problem has no covariance: "
@@ -185,6 +205,8 @@ class Solution:
         """All blocks of the inverse at these noise levels, computed once. Raises: as `shared_covariance`."""
         from calibrant.optimize import linear_kernels
 
+        if self.plain is not self:
+            return self.plain.blocks
         shared = self.shared_covariance
         own, cross = [], []
         for part in self._parts:

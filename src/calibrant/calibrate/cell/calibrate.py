@@ -54,6 +54,7 @@ from calibrant.calibrate.cell.problem.views import (
 )
 from calibrant.calibrate.cell.refine import refined
 from calibrant.calibrate.cell.result import along_with_lenses, cell_result, with_images_judged
+from calibrant.calibrate.cell.rig_checks import better_start
 from calibrant.calibrate.cell.sizes import Sizes, target_sizes, with_lens_free, with_size_free
 from calibrant.calibrate.cell.starts.cell import CellStart, cell_start
 from calibrant.calibrate.review.review import review
@@ -242,7 +243,8 @@ def fit_cell(
             clocks = clocks_asked(whole, offsets=time_offsets, readout=readout)
             noise, cell = refined_with_clocks(whole, start.transforms, start.spread, clocks)
         else:
-            noise, cell = refined(whole, start.transforms, start.spread)
+            noise, cell, elsewhere = better_start(whole, *refined(whole, start.transforms, start.spread))
+            numbering = (*numbering, *elsewhere)
         sizes = target_sizes(cell, start.data, noise.solution)
         told = {} if where.rig else sizes.targets  # images alone have no size of their own
         freed = {target: (size, with_size_free(cell, noise.solution, target)) for target, size in told.items()}

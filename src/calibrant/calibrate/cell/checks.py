@@ -147,6 +147,17 @@ def shared_moments_check(pairs: Sequence[CameraPair]) -> Check:
     return Check("shared-moments", "warn" if few else "ok", text, float(weakest.shared))
 
 
+def second_start_check(camera: str, apart_mm: float, first_px: float, second_px: float) -> Check:
+    """Does a fit that starts from other pairs of cameras end elsewhere? The better one is taken."""
+    taken, other = sorted((first_px, second_px))
+    message = (
+        f"a start from other pairs of cameras ends elsewhere: it places {camera} {apart_mm:.3g} mm away; of "
+        f"{taken:.3g} and {other:.3g} px noise the former is taken. Pictures of a moment contradict each other, or "
+        "too few tie the cameras: look at the other warnings, or add pictures that more cameras share"
+    )
+    return Check("second-start", "warn", message, apart_mm)
+
+
 def loose_rig(together: float, own: float) -> bool:
     """Whether a rig errs by more than its cameras by themselves."""
     return together / own > TOGETHER_WARN

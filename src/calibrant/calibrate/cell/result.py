@@ -112,7 +112,7 @@ def along_with_lenses(
             beside = beside + along_with(solution, lens_variable(name), camera.covariance - before)
     if not np.any(beside):
         return reviewed
-    held = replace(solution, beside=beside if solution.beside is None else solution.beside + beside)
+    held = solution.with_beside(beside if solution.beside is None else solution.beside + beside)
     transforms = _transforms(cell, held)
     said = {c.name: c for c in _position_checks(cell, transforms)}
     return replace(

@@ -20,10 +20,15 @@ from calibrant.calibrate.cell.noise_figures import pooled
 from calibrant.calibrate.cell.problem.groups import pictures_factor
 from calibrant.calibrate.cell.problem.layout import Frame, variable
 from calibrant.calibrate.cell.problem.problem import Cell, cell_problem, moments_by_hand
-from calibrant.calibrate.cell.starts.cell import CellStart
+from calibrant.calibrate.cell.refine import refined
+from calibrant.calibrate.cell.starts.cell import LEVEL_START, CellStart
+from calibrant.calibrate.cell.starts.handheld import fewest, handheld_start
 from calibrant.calibrate.reprojection.in_fit import seen_in_fit
 from calibrant.data import Check, Measured
 from calibrant.data.details import SharedMoments
+from calibrant.errors import CalibrantError
+from calibrant.geometry import se3
+from calibrant.optimize.chances import CHI2_6_LIMIT
 from calibrant.optimize.levenberg_marquardt import solve
 from calibrant.optimize.manifolds import SE3, Euclidean, Manifold
 from calibrant.optimize.noise import NoiseEstimate
@@ -71,6 +76,45 @@ def rig_checks(cell: Cell, start: CellStart, noise: NoiseEstimate) -> tuple[Chec
         return *shared, questions.rigidity_check(joint, own), questions.clocks_check(found)
     suspected = suspected_clocks(cell, noise.solution) if questions.loose_rig(joint, own) else None
     return *shared, questions.rigidity_check(joint, own, suspected)
+
+
+def better_start(first: Cell, noise: NoiseEstimate, cell: Cell) -> tuple[NoiseEstimate, Cell, tuple[Check, ...]]:
+    """The better of the fit and of one that starts from another tree of pairs, where a rig errs by more than its
+    cameras; and what was found.
+
+    first: the cell before anything was left out of it; noise, cell: its fit.
+    """
+    if not cell.layout.rig or len(cell.layout.cameras) < 2:
+        return noise, cell, ()
+    own = pooled([replace(cell.pixel_level(noise.levels, c), sigma=cell.own_sigma_px(c)) for c in cell.roles])
+    together = pooled([cell.pixel_level(noise.levels, c) for c in cell.roles])
+    if not questions.loose_rig(together, own):
+        return noise, cell, ()
+    try:
+        places, _ = handheld_start(first.layout, first.data, rank=fewest)
+        other, left = refined(first, places, LEVEL_START)
+    except CalibrantError:
+        return noise, cell, ()  # what the first start tied by many moments may not be tied by few
+    again = pooled([left.pixel_level(other.levels, c) for c in left.roles])
+    apart = _furthest(cell, noise.solution, left, other.solution)
+    if apart is None:
+        return noise, cell, ()
+    better = again < together
+    check = questions.second_start_check(*apart, together, again)
+    return (other, left, (check,)) if better else (noise, cell, (check,))
+
+
+def _furthest(a: Cell, of_a: Solution, b: Cell, of_b: Solution) -> tuple[str, float] | None:
+    """The camera that two fits place furthest apart, by how many mm; None where all are within their sigma."""
+    found = []
+    at_a, at_b = fitted_places(a, of_a), fitted_places(b, of_b)
+    for frame in a.layout.unknown:
+        d = se3.local(at_a[frame], at_b[frame])
+        C = of_a.covariance(variable(frame)) + of_b.covariance(variable(frame))
+        # Of one optimum, both ends are it but for the solver's stop and single points.
+        if float(d @ np.linalg.solve(C, d)) > CHI2_6_LIMIT:
+            found.append((frame[1], 1e3 * float(np.linalg.norm(d[3:]))))
+    return max(found, key=lambda f: f[1]) if found else None
 
 
 def shared_moments(cell: Cell) -> SharedMoments | None:

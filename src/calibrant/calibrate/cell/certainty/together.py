@@ -17,7 +17,7 @@ what their noise leaves in all unknowns; independent, sum_g E |z_g|^2 = tr A_c w
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -45,7 +45,7 @@ def moment_errors(cell: Cell, solution: Solution, *, sigma_px: float) -> MomentE
 
     solution: with what was added before. sigma_px: the noise of the points.
     """
-    plain = replace(solution, around=(), beside=None)
+    plain = solution.plain
     frames = _tied(cell)
     moments = {m: k for k, m in enumerate(dict.fromkeys(m for i in _by_hand(cell) for m in cell.used_ids(i)))}
     if sigma_px < ROUNDING_PX or len(moments) < LEAST_CLUSTERS or not frames:
@@ -96,7 +96,7 @@ def _beside_robots(cell: Cell, plain: Solution, frames: Sequence[Frame], moments
 def _grown(plain: Solution, solution: Solution, frame: Frame) -> float:
     """Variance of a place, over that of independent points, averaged over its directions."""
     _, inverse = square_root(plain.covariance(variable(frame)))
-    beside = replace(solution, around=()).covariance(variable(frame))
+    beside = plain.with_beside(solution.beside).covariance(variable(frame))
     return float(np.trace(inverse @ beside @ inverse.T)) / len(inverse)
 
 

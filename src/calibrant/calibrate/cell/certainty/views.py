@@ -8,7 +8,6 @@ own share of errors that all points of a view have is in the noise level of the 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -45,7 +44,7 @@ def lens_shares(cell: Cell, solution: Solution, camera: str, *, sigma_px: float)
     None for a lens that is held, and for exact data. sigma_px: the noise of the camera's points.
     """
     lens = lens_variable(camera)
-    plain = replace(solution, around=(), beside=None)
+    plain = solution.plain
     C = plain.covariance(lens)
     if sigma_px < ROUNDING_PX or not np.any(C):
         return None

@@ -82,18 +82,18 @@ def certain(
             shared = lens_shares(cell, solution, name, sigma_px=cell.pixel_level(noise.levels, name).sigma)
             if shared is not None:
                 beside = beside + along_with(solution, lens_variable(name), shared)
-            shift = lens_shift(replace(solution, beside=beside), lens_variable(name), role, smooth=smooth)
+            shift = lens_shift(solution.with_beside(beside), lens_variable(name), role, smooth=smooth)
             if shift is not None:
                 lenses[name] = shift
                 beside = beside + shift.covariance
     moments: MomentErrors | None = None
     if cell.layout.by_hand:
         level = noise.levels[cell.pixel_group(cell.layout.by_hand[0][0])].sigma
-        moments = moment_errors(cell, replace(solution, beside=beside), sigma_px=level)
+        moments = moment_errors(cell, solution.with_beside(beside), sigma_px=level)
         beside = beside if moments is None else beside + moments.covariance
     # The lens is compared without it: what the photos have elsewhere is not the less so for an arm that may do it.
     beside = beside + sum(own.covariance for own in poses.geometries.values())
-    return replace(noise, solution=replace(solution, beside=beside)), Certainty(poses, lenses, doubts, moments)
+    return replace(noise, solution=solution.with_beside(beside)), Certainty(poses, lenses, doubts, moments)
 
 
 def _by_poses(cell: Cell, solution: Solution, accuracies: Mapping[str, RobotAccuracy]) -> ByPoses:
@@ -122,7 +122,7 @@ def _by_poses(cell: Cell, solution: Solution, accuracies: Mapping[str, RobotAccu
 def growth(cell: Cell, solution: Solution) -> float:
     """The cameras' sigma of position over that by the noise levels alone."""
     frames = [variable(f) for f in cell.layout.unknown if f[1] in cell.layout.cameras]
-    alone = replace(solution, beside=None)
+    alone = solution.with_beside(None)
     whole, noise = (sum(float(np.trace(s.covariance(f)[3:, 3:])) for f in frames) for s in (solution, alone))
     return float(np.sqrt(whole / noise)) if noise > 0 else 1.0
 
@@ -130,7 +130,7 @@ def growth(cell: Cell, solution: Solution) -> float:
 def arm_errors(cell: Cell, solution: Solution, geometries: Mapping[str, GeometryErrors]) -> dict[str, ArmError]:
     """What the robots' own geometry errs by, in millimetres, of those whose accuracy nobody told."""
     frames = [variable(f) for f in cell.layout.unknown if f[1] in cell.layout.cameras]
-    alone = replace(solution, around=(), beside=None)
+    alone = solution.plain
     out = {}
     for robot, found in geometries.items():
         could = replace(alone, beside=found.could_add)

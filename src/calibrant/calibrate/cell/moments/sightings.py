@@ -80,11 +80,12 @@ def tree(seen: Mapping[str, Mapping[Moment, Sighting]], root: str) -> list[Commo
         pairs = [(a, b) for a in placed for b in seen if b not in placed]
         if not pairs:
             return out
-        best = max((_common(seen, a, b) for a, b in pairs), key=len)
+        a, b = max(pairs, key=lambda pair: len(seen.get(pair[0], {}).keys() & seen[pair[1]].keys()))
+        best = _common(seen, a, b)
         if not len(best):
             return out
         out.append(best)
-        placed.append(best.b)
+        placed.append(b)
 
 
 def _common(seen: Mapping[str, Mapping[Moment, Sighting]], a: str, b: str) -> Common:

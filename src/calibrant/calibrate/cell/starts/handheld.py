@@ -12,7 +12,7 @@ that the carrier makes tells them, T_root_carrier X T_camera_target^-1 = Z: the 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -78,9 +78,23 @@ class _Placed:
         return [m for m in s.poses if m in self.carriers]
 
 
-def handheld_start(layout: Layout, data: Sequence[HandEyeViews]) -> tuple[dict[Frame, Array], tuple[CameraPair, ...]]:
+def most(moments: Sequence[Moment]) -> float:
+    """What is tied by the most moments is placed next."""
+    return len(moments)
+
+
+def fewest(moments: Sequence[Moment]) -> float:
+    """What is tied by the fewest moments, but more than single ones, is placed next: another tree through a rig."""
+    return -len(moments) if len(moments) >= LEAST_MOVED else len(moments) - np.inf
+
+
+def handheld_start(
+    layout: Layout, data: Sequence[HandEyeViews], *, rank: Callable[[Sequence[Moment]], float] = most
+) -> tuple[dict[Frame, Array], tuple[CameraPair, ...]]:
     """The cameras' places (4, 4) in the root, targets' on their carriers, the carriers' (m, 4, 4) by moment, and the
     pairs of cameras that led there.
+
+    rank: of the moments that tie something, by which what is placed next is chosen.
 
     Raises: RefusedError naming the cameras, or the targets, that share no moment with the rest.
     """
@@ -90,8 +104,8 @@ def handheld_start(layout: Layout, data: Sequence[HandEyeViews]) -> tuple[dict[F
     while True:
         placed.learn(seen)
         open_ = [s for s in seen if (s.camera in placed.cameras) != (s.target in placed.targets)]
-        best = max(open_, key=lambda s: len(placed.shared(s)), default=None)
-        if best is not None and placed.shared(best):
+        best = max((s for s in open_ if placed.shared(s)), key=lambda s: rank(placed.shared(s)), default=None)
+        if best is not None:
             _place(placed, best, [s for s in open_ if (s.camera, s.target) == (best.camera, best.target)], tree)
         elif not _placed_by_motion(placed, seen, tree):
             break

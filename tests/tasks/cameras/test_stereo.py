@@ -155,3 +155,30 @@ def test_the_answer_as_json(images: Path) -> None:
     )
     assert status == 0
     assert json.loads(out)["kind"] == "stereo"
+
+
+def test_a_thermal_and_a_visual_camera(images: Path, tmp_path: Path, result: CalibrationResult) -> None:
+    """The right camera has half the resolution and sees the board's colours the other way round."""
+    for file in sorted(images.glob("right*.jpg")):
+        grey = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+        half = cv2.resize(255 - grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+        cv2.imwrite(str(tmp_path / f"{file.stem}.png"), half)
+    found = cb.stereo(left=images / "left*.jpg", right=tmp_path / "right*.png", target=TARGET)
+    assert "right sees a negative" in found.check("board-numbering").message
+    assert found.cameras["right"].image_size == (320, 240)
+    assert found.figures["baseline"].value == pytest.approx(result.figures["baseline"].value, abs=0.3)
+    assert found.check("sides").status == "ok"
+
+
+def test_a_camera_that_delivers_mirror_images(images: Path, tmp_path: Path, result: CalibrationResult) -> None:
+    for file in sorted(images.glob("left*.jpg")):
+        grey = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+        cv2.imwrite(str(tmp_path / f"{file.stem}.png"), grey[:, ::-1])
+    found = cb.stereo(left=tmp_path / "left*.png", right=images / "right*.jpg", target=TARGET, mirror_left=True)
+    np.testing.assert_allclose(found.transforms[0].matrix, result.transforms[0].matrix, atol=1e-6)
+    assert found.options["mirror_x"] == ["left"]
+
+
+def test_sides_that_are_swapped_are_said(images: Path) -> None:
+    found = cb.stereo(left=images / "right*.jpg", right=images / "left*.jpg", target=TARGET)
+    assert found.check("sides").status == "warn"

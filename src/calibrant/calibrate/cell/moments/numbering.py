@@ -18,11 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.arrays import Array
-from calibrant.calibrate.cell.boards.turned import NAME, board_turns, turned_views, with_boards
+from calibrant.calibrate.cell.boards.turned import NAME, BoardTurns, board_turns, turned_views, with_boards
 from calibrant.calibrate.cell.moments.sightings import Sighting, poses, trees
 from calibrant.calibrate.cell.problem.layout import Layout, Pictures
 from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.data import Check
+from calibrant.geometry import se3, so3
+from calibrant.targets.registry import parse_target
 
 AGREE = np.deg2rad(10.0)
 """A rotation by single views of small boards is off by a few degrees; a board turned unnoticed is off by 90 or 180."""
@@ -37,14 +39,15 @@ def numbered_at_once(
     pictures, numbered, checks = list(where.pictures), list(data), list[Check]()
     for pair in trees(where, data):
         for spec in dict.fromkeys(_spec(where, s) for s in pair.seen_a):
-            turns = board_turns(spec)
+            same = board_turns(spec)
+            turns = same or negative_turns(spec)
             if turns is None:
                 continue
             mine = pair.only([_spec(where, s) == spec for s in pair.seen_a])
             R_a, R_b = (poses(numbered, seen)[:, :3, :3] for seen in (mine.seen_a, mine.seen_b))
             steps = which_turns(R_a, R_b, turns.F)
-            if not steps.any():
-                continue
+            if not steps.any() or (same is None and 2 * np.count_nonzero(steps) <= len(mine)):
+                continue  # a camera sees a negative in all its pictures
             # T_b F_s^-1 numbers the board as the other camera does.
             back = {s: turns.F[(len(turns.F) - k) % len(turns.F)] for s, k in zip(mine.seen_b, steps.tolist()) if k}
             for i in {s.list for s in back}:
@@ -52,11 +55,25 @@ def numbered_at_once(
                     pictures[i], numbered[i], {s.row: F for s, F in back.items() if s.list == i}
                 )
             message = (
-                f"{spec} looks the same turned by {turns.deg} deg, so that each image numbers it anew: of {pair.b}, "
-                f"{len(back)} of {len(mine)} views were numbered again as {pair.a} numbers the board at that moment"
+                f"{pair.b} sees a negative of {spec}, light where it is dark to {pair.a}: its {len(back)} views of "
+                "the same moments are numbered from the other end"
+                if same is None
+                else f"{spec} looks the same turned by {turns.deg} deg, so that each image numbers it anew: of "
+                f"{pair.b}, {len(back)} of {len(mine)} views were numbered again as {pair.a} numbers the board at that moment"
             )
             checks.append(Check(NAME, "ok", message, float(len(back))))
     return replace(where, pictures=tuple(pictures)), tuple(numbered), tuple(checks)
+
+
+def negative_turns(spec: str | None) -> BoardTurns | None:
+    """The half turn of a chessboard whose colours say which end is which: in a negative, as a thermal camera may see
+    it, they say the other. None for other boards, whose marks are not found in a negative unless it is asked for."""
+    if spec is None or spec.partition(":")[0] != "chessboard":
+        return None
+    points = parse_target(spec).points
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    R = so3.exp([0.0, 0.0, np.pi])
+    return BoardTurns(spec, np.stack([np.eye(4), se3.make(R, middle - R @ middle)]))
 
 
 def _spec(where: Layout, s: Sighting) -> str | None:

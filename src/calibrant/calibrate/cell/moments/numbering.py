@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from calibrant.arrays import Array
 from calibrant.calibrate.cell.boards.turned import NAME, BoardTurns, board_turns, turned_views, with_boards
-from calibrant.calibrate.cell.moments.sightings import Sighting, poses, trees
+from calibrant.calibrate.cell.moments.sightings import Common, Sighting, poses, trees
 from calibrant.calibrate.cell.problem.layout import Layout, Pictures
 from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.data import Check
@@ -54,15 +54,20 @@ def numbered_at_once(
                 pictures[i], numbered[i] = _turned(
                     pictures[i], numbered[i], {s.row: F for s, F in back.items() if s.list == i}
                 )
-            message = (
-                f"{pair.b} sees a negative of {spec}, light where it is dark to {pair.a}: its {len(back)} views of "
-                "the same moments are numbered from the other end"
-                if same is None
-                else f"{spec} looks the same turned by {turns.deg} deg, so that each image numbers it anew: of "
-                f"{pair.b}, {len(back)} of {len(mine)} views were numbered again as {pair.a} numbers the board at that moment"
-            )
-            checks.append(Check(NAME, "ok", message, float(len(back))))
+            checks.append(Check(NAME, "ok", _said(pair, turns, len(back), len(mine), negative=same is None), len(back)))
     return replace(where, pictures=tuple(pictures)), tuple(numbered), tuple(checks)
+
+
+def _said(pair: Common, turns: BoardTurns, changed: int, of: int, *, negative: bool) -> str:
+    if negative:
+        return (
+            f"{pair.b} sees a negative of {turns.spec}, light where it is dark to {pair.a}: its {changed} views of the "
+            "same moments are numbered from the other end"
+        )
+    return (
+        f"{turns.spec} looks the same turned by {turns.deg} deg, so that each image numbers it anew: of {pair.b}, "
+        f"{changed} of {of} views were numbered again as {pair.a} numbers the board at that moment"
+    )
 
 
 def negative_turns(spec: str | None) -> BoardTurns | None:

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from functools import partial
 
-import numpy as np
-
 from calibrant.data import CalibrationResult, TransformEstimate
 from calibrant.data.details import ArmErrors
 from calibrant.reports.parts.blocks import TextTable
-from calibrant.reports.parts.figures import Fact, noise_facts
+from calibrant.reports.parts.figures import Fact, is_point, noise_facts
 from calibrant.reports.parts.kind import Kind
 from calibrant.reports.parts.numbers import plain, sigma_text
-from calibrant.reports.parts.phrases import known, placed
+from calibrant.reports.parts.phrases import known, placed, transform_facts
 from calibrant.reports.parts.robot import robot_tables
 
 UNTOLD = "beside what this arm's own geometry errs by{size} (--robot-accuracy, --identify)"
@@ -32,16 +30,8 @@ def _headline(result: CalibrationResult) -> list[Fact]:
 
 
 def _tips(result: CalibrationResult) -> list[Fact]:
-    """Tips of tools, and points that they touched: places without axes of their own."""
-    out = []
-    for t in result.transforms:
-        if t.covariance is None or np.any(t.covariance[:3]) or not np.any(t.covariance[3:, 3:]):
-            continue
-        x, y, z = 1e3 * t.matrix[:3, 3]
-        worst = 1e3 * float(np.sqrt(np.linalg.eigvalsh(t.covariance[3:, 3:])[-1]))
-        where = f"x {x:.2f}, y {y:.2f}, z {z:.2f} ± {sigma_text(worst)} mm"
-        out.append(Fact(f"{t.parent} → {t.child}, position", where, "1σ, worst axis"))
-    return out
+    """Tips of tools, and points that they touched."""
+    return transform_facts(t for t in result.transforms if is_point(t))
 
 
 def _in_workspace(result: CalibrationResult) -> list[Fact]:

@@ -142,3 +142,18 @@ def test_exchanged_sides_empty_clouds_and_wrong_sizes_are_named() -> None:
         depth_map(pair, [images[0][:120, :160], images[1]])
     with pytest.raises(InputError, match="0 < near < far"):
         depth_map(pair, images, near=2.0, far=1.0)
+
+
+def test_what_lies_outside_of_the_distances_asked_for_is_no_point() -> None:
+    """Matchers search in steps of 16 pixels and reach farther than they are asked to."""
+    images, pair = _pictures(EXACT, 1.0), rectification(EXACT)
+    every = depth_map(pair, images).points[..., 2]
+    assert (np.nanmin(every), np.nanmax(every)) == (pytest.approx(0.82, abs=0.02), pytest.approx(1.38, abs=0.02))
+    within = depth_map(pair, images, near=1.0, far=1.2)
+    z = within.points[within.known][:, 2]
+    assert len(z) > 0.5 * np.sum((every > 1.0) & (every < 1.2))
+    assert z.min() >= 1.0
+    assert z.max() <= 1.2
+    assert np.array_equal(within.known, np.isfinite(within.sigma_z))
+    assert np.array_equal(within.known, np.isfinite(within.disparity.d))
+    assert not depth_map(pair, images, near=2.0, far=3.0).known.any()

@@ -39,11 +39,11 @@ def triangulated_edges(
         if not len(edges):
             continue
         found = triangulated(pair, left, right, T_left_right)
-        a, b = edges.T
+        a, b = edges[np.isfinite(found[edges]).all(axis=(1, 2))].T
         true = np.linalg.norm(pair.points[a] - pair.points[b], axis=1)
         errors.append(np.linalg.norm(found[a] - found[b], axis=1) - true)
         lengths.append(true)
-    if not errors:
+    if not sum(map(len, errors)):
         return None
     off, length = 1e3 * np.concatenate(errors), 1e3 * np.concatenate(lengths)
     return TriangulatedEdges(len(off), float(np.sqrt(np.mean(off**2))), float(off.mean()), float(np.median(length)))

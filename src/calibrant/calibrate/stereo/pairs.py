@@ -98,7 +98,13 @@ def _spread(values: Array) -> tuple[float, float, float]:
 
 
 def triangulated(pair: Seen, left: Camera, right: Camera, T_left_right: Array) -> Array:
-    """The points (n, 3) in the left camera's frame, metres, with the least squared angles to their rays."""
+    """The points (n, 3) in the left camera's frame, metres, with the least squared angles to their rays; NaN where a
+    lens has no ray: a model that does not fit folds within the picture."""
     T = np.stack([np.eye(4), T_left_right])
     rays = np.stack([left.unproject(pair.uv_left), right.unproject(pair.uv_right)])
-    return refine_points(triangulate(rays, T_world_camera=T), rays, T_world_camera=T)
+    ok = np.isfinite(rays).all(axis=(0, 2))
+    found = np.full(rays.shape[1:], np.nan)
+    if ok.any():
+        rays = rays[:, ok]
+        found[ok] = refine_points(triangulate(rays, T_world_camera=T), rays, T_world_camera=T)
+    return found

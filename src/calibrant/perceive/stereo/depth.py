@@ -14,7 +14,7 @@ dd the error of the disparity. The second source is shared by all pixels of a pi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -125,13 +125,19 @@ def depth_map(
         d, sigma, confidence = d.T, sigma.T, confidence.T
     with np.errstate(invalid="ignore"):
         d = np.where((d > shift) & (confidence >= least_confidence), d, np.nan)
-    return _map_of(pair, Disparity(d, np.where(np.isfinite(d), sigma, np.nan), confidence), sparse)
+    whole = _map_of(pair, Disparity(d, np.where(np.isfinite(d), sigma, np.nan), confidence), sparse)
+    return whole if near is None and far is None else _between(whole, near or 0.0, np.inf if far is None else far)
 
 
 def _shift(pair: Rectification) -> float:
     """Disparity of what is infinitely far, px."""
     a, b = pair.views
     return (a.cx - b.cx, a.cy - b.cy)[pair.along]
+
+
+def _disparity(pair: Rectification, distance: float | None, otherwise: float) -> float:
+    """That of a distance, metres, px."""
+    return otherwise if distance is None else _shift(pair) + pair.views[0].f * pair.baseline / distance
 
 
 def _rectified_grey(maps: Maps, image: NDArray[Any]) -> Array:
@@ -176,17 +182,13 @@ def _range(
     """The lowest and the highest disparity looked for, px."""
     if near is not None and far is not None and not 0 < near < far:
         raise InputError(f"near is {near:g} m and far {far:g} m; expected 0 < near < far")
-    fB = pair.views[0].f * pair.baseline
     low, high = shift, shift + WIDE * pair.views[0].image_size[pair.along]
     if sparse.enough:
         # Features miss the nearest and the farthest parts: half as near and half as far again.
         d = np.clip(sparse.disparities - shift, 0, None)
         low, high = shift + np.quantile(d, 0.01) / 1.5, shift + 1.5 * np.quantile(d, 0.99)
-    if near is not None:
-        high = shift + fB / near
-    if far is not None:
-        low = shift + fB / far
-    return float(low), float(max(high, low + 16))
+    low, high = _disparity(pair, far, float(low)), _disparity(pair, near, float(high))
+    return low, max(high, low + 16)
 
 
 def _map_of(pair: Rectification, found: Disparity, sparse: Sparse) -> DepthMap:
@@ -204,6 +206,21 @@ def _map_of(pair: Rectification, found: Disparity, sparse: Sparse) -> DepthMap:
         J = by_all[:, 2]
         by_calibration[v, u] = np.sqrt(np.maximum(np.sum((J @ pair.eyes.covariance) * J, axis=1), 0.0))
     return DepthMap(pair, points, by_matches, by_calibration, found, sparse)
+
+
+def _between(found: DepthMap, near: float, far: float) -> DepthMap:
+    """Without the points that are nearer or farther: matchers search in steps, and farther than they are asked to."""
+    z = found.points[..., 2]
+    with np.errstate(invalid="ignore"):
+        left_out = np.where((z >= near) & (z <= far), 0.0, np.nan)
+    d = found.disparity
+    return replace(
+        found,
+        points=found.points + left_out[..., None],
+        by_matches=found.by_matches + left_out,
+        by_calibration=found.by_calibration + left_out,
+        disparity=Disparity(d.d + left_out, d.sigma + left_out, d.confidence),
+    )
 
 
 def depth_points(pair: Rectification, uv: Array, d: Array) -> tuple[Array, Array, Array]:

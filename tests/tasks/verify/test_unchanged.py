@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -88,6 +89,29 @@ def test_photos_at_robot_poses(folder: Path, tmp_path: Path) -> None:
     drawn = cv2.imread(str(tmp_path / "back.png"))
     assert drawn is not None
     assert drawn.shape == (360, 480, 3)
+
+
+def test_photos_of_one_name_go_with_the_poses_of_their_folders(folder: Path, tmp_path: Path) -> None:
+    header, *rows = (folder / "now.csv").read_text().splitlines()
+    places = [tmp_path / "a" / "0.png", tmp_path / "b" / "0.png"]
+    for k, place in enumerate(places):
+        place.parent.mkdir()
+        shutil.copy(folder / "same" / f"{k}.png", place)
+    # The second folder's pose stands first: by bare names nothing tells which photo it is of.
+    named = [rows[1].replace("1.png", "b/0.png"), rows[0].replace("0.png", "a/0.png")]
+    (tmp_path / "now.csv").write_text("\n".join([header, *named, ""]))
+    images = [str(p) for p in places]
+    result = cb.verify_unchanged(folder / "hand-eye.json", images=images, poses=tmp_path / "now.csv")
+    assert result.check("unchanged").status == "ok"
+    assert {v.id for v in result.views} == {"a/0.png", "b/0.png"}
+    # Without names, the pose of a photo that is left out goes with it.
+    unnamed = [row.partition(",")[2] for row in (header, *rows)]
+    (tmp_path / "order.csv").write_text("\n".join([*unnamed, ""]))
+    result = cb.verify_unchanged(
+        folder / "hand-eye.json", images=images, poses=tmp_path / "order.csv", exclude="a/0.png"
+    )
+    assert result.check("unchanged").status == "ok"
+    assert {v.id for v in result.views if v.used} == {"0.png"}
 
 
 def test_from_python_a_change_is_a_result(folder: Path) -> None:

@@ -3,12 +3,15 @@
 Every moment (a pose of a robot, with all that was seen there) is held out once, alone up to `ALONE` moments and in
 `GROUPS` groups beyond. The noise levels stay those of the full fit; the solve starts from it, and where one step leads
 to its end that step is the full fit's equations less what the poses held out have in them (`fit_without`).
+
+A view that was left out sees its target by the lens of the fit without it, as any new photo does: by the lens of the full
+fit, the difference between the two lenses, millimetres for few views, would count as an error of it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,8 +51,7 @@ def loop_deviations(cell: Cell, value: Value, rows: Sequence[Mask]) -> LoopDevia
         T = prediction(cell, value, i, rows[i])
         deltas.append(se3.local(T, data.B[rows[i]]))
         if data.views is not None:
-            lens = cell.roles[p.camera].camera
-            camera = Camera(lens.model, lens.image_size, value(lens_variable(p.camera))[0])
+            camera = _lens(cell, value, p.camera)
             px += [rms_px(camera, data.views[int(k)], pose) for k, pose in zip(np.flatnonzero(rows[i]), T)]
     mm, deg = se3.mm_and_deg(np.concatenate(deltas))
     return LoopDeviations(mm, deg, np.array(px))
@@ -75,11 +77,32 @@ def leave_out(cell: Cell, fit: Solution) -> LoopDeviations | None:
         out = [f == k for f in numbers]
         if any(d.use.any() and not (d.use & ~o).any() for d, o in zip(cell.data, out)):
             continue
-        parts.append(loop_deviations(cell, _without(cell, fit, shares, out), out))
+        value = _without(cell, fit, shares, out)
+        parts.append(loop_deviations(_seen_by(cell, value, out), value, out))
     if not parts:
         return None
     mm, deg, px = (np.concatenate([getattr(p, name) for p in parts]) for name in ("mm", "deg", "px"))
     return LoopDeviations(mm, deg, px)
+
+
+def _seen_by(cell: Cell, value: Value, rows: Sequence[Mask]) -> Cell:
+    """The cell whose rows, one mask a list, see their targets by these lenses where photos determine the lenses."""
+    from calibrant.calibrate.pose.target_poses import poses_from  # not needed for pose pairs
+
+    data = list(cell.data)
+    for i, p, own in cell.lists:
+        out = rows[i]
+        if own.views is None or not p.movers or not out.any() or cell.roles[p.camera].exact:
+            continue
+        B = own.B.copy()
+        B[out] = poses_from(_lens(cell, value, p.camera), [v for v, k in zip(own.views, out) if k], own.B[out])
+        data[i] = replace(own, B=B)
+    return replace(cell, data=tuple(data))
+
+
+def _lens(cell: Cell, value: Value, name: str) -> Camera:
+    lens = cell.roles[name].camera
+    return Camera(lens.model, lens.image_size, value(lens_variable(name))[0])
 
 
 def folds(cell: Cell) -> list[NDArray[np.intp]]:
@@ -127,6 +150,11 @@ def _without(cell: Cell, fit: Solution, shares: _Shares | None, out: Sequence[Ma
     rest = cell.kept([~o for o in out])
     problem = cell_problem(rest, fitted_places(cell, fit), fit.sigmas)
     return _by_name(problem, _end(problem, nearest_start(problem, fit)))
+
+
+def fit_without(cell: Cell, fit: Solution, out: Sequence[Mask]) -> Value:
+    """The unknowns of the fit without these rows, one mask a list, by the names of their variables."""
+    return _without(cell, fit, _shares(cell, fit), out)
 
 
 def _by_name(problem: Problem, values: Values) -> Value:

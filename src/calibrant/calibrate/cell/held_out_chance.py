@@ -10,9 +10,9 @@ the shared unknowns by all poses and without those of F, and by how much the tar
 
     d_i(x) = J_i (e_i + T_i G_i^T x),
 
-J_i the loop's map, x the lens of all poses in both. Held-out errors are r times those of the loop, rms, or more, where
-q = sum_i |d_i(x_F)|^2 - r^2 |d_i(x)|^2 > 0. q is a sum of l_k times squares of normal variables, l_k the eigenvalues
-of their covariance with the signs of q, and for every s > 0 that keeps all factors positive
+J_i the loop's map, x with its own lens, which sees the target too. Held-out errors are r times those of the loop, rms,
+or more, where q = sum_i |d_i(x_F)|^2 - r^2 |d_i(x)|^2 > 0. q is a sum of l_k times squares of normal variables, l_k the
+eigenvalues of their covariance with the signs of q, and for every s > 0 that keeps all factors positive
 
     P(q > 0) <= E exp(s q) = prod_k (1 - 2 s l_k)^-1/2
 
@@ -28,11 +28,10 @@ from calibrant.calibrate.cell.certainty.pose_errors import PoseErrors, pose_erro
 from calibrant.calibrate.cell.fitted import pose_maps
 from calibrant.calibrate.cell.held_out import folds
 from calibrant.calibrate.cell.problem.fit_without import PoseShares, pose_shares
-from calibrant.calibrate.cell.problem.groups import lens_variable, robot_groups
+from calibrant.calibrate.cell.problem.groups import robot_groups
 from calibrant.calibrate.cell.problem.layout import poses_variable
 from calibrant.calibrate.cell.problem.problem import Cell
 from calibrant.optimize.solution import Solution
-from calibrant.optimize.structure import SHARED
 
 _KNOWN = 1e-9
 """Share of a direction's information that the other poses must have: below, they do not hold it."""
@@ -57,7 +56,7 @@ def held_out_chance(cell: Cell, solution: Solution, ratio: float) -> float | Non
     moments = cell.moments(robot)
     at = np.array([moments.index(name) for name, use in zip(data.ids, data.use) if use], dtype=np.int64)
     moved = 1e3 * np.broadcast_to(maps, (len(at), 6, 6))[:, 3:]
-    misses = _misses(errors, shares, at, folds(cell)[0][data.use], moved, _columns_of_lens(cell, solution))
+    misses = _misses(errors, shares, at, folds(cell)[0][data.use], moved)
     if misses is None:
         return None
     held, loop = misses
@@ -68,23 +67,12 @@ def held_out_chance(cell: Cell, solution: Solution, ratio: float) -> float | Non
     return above_zero(np.linalg.eigvalsh(root.T @ (signs[:, None] * root)))
 
 
-def _columns_of_lens(cell: Cell, solution: Solution) -> Indices:
-    """Those of the shared unknowns; none where the lens is held."""
-    problem, lens = solution.problem, lens_variable(cell.layout.pictures[0].camera)
-    if lens not in {v.name for v in problem.variables}:
-        return np.zeros(0, dtype=np.int64)
-    p = problem.structure.placements[problem.variable_index(lens)]
-    if p is None or p.together != SHARED:
-        return np.zeros(0, dtype=np.int64)
-    return (p.offset[:, None] + np.arange(p.dim)).ravel()
-
-
 def _misses(
-    errors: PoseErrors, shares: PoseShares, at: Indices, fold: Indices, maps: Array, lens: Indices
+    errors: PoseErrors, shares: PoseShares, at: Indices, fold: Indices, maps: Array
 ) -> tuple[Array, Array] | None:
     """d_i(x_F) and d_i(x), (3 n, N) each, of N independent errors, in units of their sigma; see the module.
 
-    at (n,): the rows of the poses; fold (n,): what each is left out with; maps (n, 3, 6): J; lens: its columns.
+    at (n,): the rows of the poses; fold (n,): what each is left out with; maps (n, 3, 6): J.
     """
     n, s = len(at), len(shares.S)
     own = 6 + s
@@ -108,7 +96,6 @@ def _misses(
         if np.linalg.eigvalsh(rest / unit[:, None] / unit)[0] < _KNOWN:
             return None
         without = np.linalg.solve(rest, total - k[out].sum(axis=0))
-        without[lens] = whole[lens]
         held[out] = answers[out] @ without
     for i in range(n):
         own_errors = maps[i] @ L[i]

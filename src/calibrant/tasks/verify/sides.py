@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -131,10 +132,15 @@ def _distance(known: CalibrationResult, name: str) -> float | None:
 
 
 def now_compared(
-    compare: Compare, observations: Observations | None, request: Asked, files: list[Path], listener: Listener
+    compare: Compare,
+    observations: Observations | None,
+    request: Asked,
+    photos: Sequence[tuple[Path, bool]],
+    listener: Listener,
 ) -> Compared | None:
     """The photos of the target against the result; None where no target is asked for, or a reference picture stands in
-    for one that was not found. Raises: InputError where nothing can be compared."""
+    for one that was not found. Args: photos: all that are named, and whether each is kept. Raises: InputError where
+    nothing can be compared."""
     if observations is None:
         return None
     views = [v for v in observations.views if len(v) >= 4]
@@ -150,7 +156,7 @@ def now_compared(
 
     with listener.status("Comparing with the calibration …"):
         if request.poses:
-            return _at_poses(compare, views, observations, request, files)
+            return _at_poses(compare, views, request, photos)
         seen = seen_now(compare.camera, views)
         then = _view_of_then(compare, seen, request, listener)
         if then is not None:
@@ -168,17 +174,18 @@ def _check_size(compare: Compare, observations: Observations) -> None:
 
 
 def _at_poses(
-    compare: Compare, views: list[View], observations: Observations, request: Asked, files: list[Path]
+    compare: Compare, views: list[View], request: Asked, photos: Sequence[tuple[Path, bool]]
 ) -> Compared:
     """Photos at robot poses; these read as the calibration's were, or as fits best."""
+    from calibrant.data.file_names import distinct_names
     from calibrant.formats.poses.notations import notations
-    from calibrant.formats.poses.pairing import match_raw
+    from calibrant.formats.poses.pairing import match_kept
     from calibrant.verification.unchanged.compare import on_robot, seen_now
     from calibrant.verification.unchanged.robot_noise import robot_side
 
     raw = request.form.read(request.poses, request.arm)
-    names = [f.name for f in files]
-    pairing = match_raw(raw, names)
+    names, files = distinct_names([f for f, _ in photos]), [f for f, keep in photos if keep]
+    pairing = match_kept(raw, list(names.values()), [keep for _, keep in photos])
     row = {str(files[v]): p for v, p in zip(pairing.view_index, pairing.pose_index)}
     rows = [row[v.file or v.id] for v in views]
     side = robot_side(compare.known, compare.name)

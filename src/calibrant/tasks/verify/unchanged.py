@@ -73,20 +73,22 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
 
     Raises: InputError where the photos cannot tell; the same as the parts do.
     """
+    from calibrant.data.file_names import distinct_names
     from calibrant.data.result_file import read_result
     from calibrant.verification.unchanged.result import Evidence, unchanged_result
 
     known = read_result(request.result)
     tolerance = _tolerance(request.tolerance)
     compare = Compare.of(known, request.name, request.photos.target)
-    files = _photo_files(request)
+    photos = _every_photo(request)
+    files = [file for file, keep in photos if keep]
     reference = _reference(known, request, files)
     if reference is None and request.keep_reference is not None and not request.poses and not compare.placed_then:
         return _kept_alone(known, request, files)
     _check_comparable(compare, request, reference is not None)
     observations = _observations(compare, files, request, listener, optional=reference is not None)
     try:
-        compared = now_compared(compare, observations, request, files, listener)
+        compared = now_compared(compare, observations, request, photos, listener)
     except RefusedError as error:
         raise InputError(f"these photos cannot tell: {error}") from error
     pictures: tuple[PicturePair, ...] = ()
@@ -99,7 +101,7 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
         compared=compared,
         pictures=pictures,
         observations=observations,
-        files={f.name: str(f) for f in files},
+        files={name: str(f) for f, name in distinct_names(files).items()},
         distance=compare.distance,
         stated_px=compare.sigma_px,
         tolerance=tolerance,
@@ -112,6 +114,12 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
 
 def _photo_files(request: Request) -> list[Path]:
     """The photos of now. Raises: InputError for none."""
+    return [file for file, keep in _every_photo(request) if keep]
+
+
+def _every_photo(request: Request) -> list[tuple[Path, bool]]:
+    """All photos that are named, and whether each is kept. Raises: InputError for none."""
+    from calibrant.data.file_names import distinct_names
     from calibrant.detection.images.files import expand
     from calibrant.tasks.inputs.sources import kept
     from calibrant.tasks.options.words import split_names
@@ -119,8 +127,8 @@ def _photo_files(request: Request) -> list[Path]:
     if not request.photos.images:
         raise InputError("no photos were given: take one to three of now and name them with --images")
     files = expand(list(request.photos.images))
-    keep = kept([f.name for f in files], split_names(request.search.exclude), what="image")
-    return [f for f, k in zip(files, keep) if k]
+    names = list(distinct_names(files).values())
+    return list(zip(files, kept(names, split_names(request.search.exclude), what="image")))
 
 
 def _tolerance(text: str | None) -> Tolerance:
@@ -198,9 +206,11 @@ def _pictures(
 ) -> tuple[PicturePair, ...]:
     """What became of the reference's picture in each photo. A scene that is too plain beside a target that was found
     is no reason to give up: the target answers then."""
+    from calibrant.data.file_names import distinct_names
     from calibrant.verification.unchanged.pictures import became, reference_of
     from calibrant.verification.unchanged.result import PicturePair
 
+    names = distinct_names(files)
     outlines = {v.file: v.uv for v in observations.views} if observations is not None and has_target else {}
     out = []
     with listener.status("Comparing with the reference …"):
@@ -215,7 +225,7 @@ def _pictures(
                 if has_target:
                     continue
                 raise
-            out.append(PicturePair(file.name, str(file), moved, reference.image_size))
+            out.append(PicturePair(names[file], str(file), moved, reference.image_size))
     return tuple(out)
 
 

@@ -9,10 +9,16 @@ import numpy as np
 import pytest
 from tests.detection.chessboard_pictures import Lens, facing, picture
 
+from calibrant.cameras import Camera
 from calibrant.detection import detect
 from calibrant.detection.images.overlay import draw
+from calibrant.detection.registry import detector_for
+from calibrant.detection.tags.grid_seen import aprilgrid_seen
 from calibrant.errors import DetectionError, InputError
+from calibrant.simulate.render import Look, render
+from calibrant.simulate.scenes import look_at_board
 from calibrant.targets.chessboard import Chessboard
+from calibrant.targets.registry import parse_target
 
 TARGET = Chessboard(9, 6, 0.025)
 LENS = Lens(290.0, 160.0, 120.0)
@@ -87,6 +93,30 @@ def test_circles_asked_of_a_chessboard_are_answered_at_once(boards):
         "0 of 3 boards found; the images look like a chessboard (or ChArUco board) of 9x6 inner corners, you asked for "
         "circles:7x11:20mm:asymmetric"
     )
+
+
+@pytest.mark.parametrize("family", ["36h11", "25h9"])
+@pytest.mark.parametrize("asked", ["circles:9x7:30mm", "circles:7x11:20mm:asymmetric", "chessboard:9x6:25mm"])
+def test_an_aprilgrid_is_named(family, asked):
+    """Its tags and small squares are spots of a lattice and meet in corners of a grid: neither is what is seen."""
+    grid = parse_target(f"aprilgrid:5x4:35mm:0.3:{family}")
+    camera = Camera.create("pinhole", {"fx": 600.0, "fy": 600.0, "cx": 319.5, "cy": 239.5}, image_size=(640, 480))
+    rng = np.random.default_rng(1)
+    T = look_at_board(camera, grid.points, 1, rng=rng, distance=(0.3, 0.5))[0]
+    grey = render(grid.artwork(), camera, T, rng=rng, look=Look(clutter=0, noise_grey=2.0))
+    found = detector_for(parse_target(asked).kind).detect(grey, parse_target(asked))
+    seen = f"an AprilGrid with tags of DICT_APRILTAG_{family}"
+    assert found.reason == f"the image looks like {seen}, you asked for {asked}"
+    assert found.another
+
+
+def test_a_charuco_board_of_the_same_tags_is_no_aprilgrid():
+    board = parse_target("charuco:6x5:30mm:24mm:DICT_APRILTAG_36h11")
+    camera = Camera.create("pinhole", {"fx": 600.0, "fy": 600.0, "cx": 319.5, "cy": 239.5}, image_size=(640, 480))
+    rng = np.random.default_rng(1)
+    T = look_at_board(camera, board.points, 1, rng=rng, distance=(0.3, 0.4))[0]
+    grey = render(board.artwork(), camera, T, rng=rng, look=Look(clutter=0, noise_grey=2.0))
+    assert aprilgrid_seen(grey) is None
 
 
 def test_wrong_spec_is_answered_with_the_real_size(boards):

@@ -4,8 +4,8 @@ Every moment (a pose of a robot, with all that was seen there) is held out once,
 `GROUPS` groups beyond. The noise levels stay those of the full fit; the solve starts from it, and where one step leads
 to its end that step is the full fit's equations less what the poses held out have in them (`fit_without`).
 
-A view that was left out sees its target by the lens of the fit without it, as any new photo does: by the lens of the full
-fit, the difference between the two lenses, millimetres for few views, would count as an error of it.
+A view that was left out sees its target by the lens of the fit without it, as any new photo does: by the lens of the
+full fit, the difference between the two lenses, millimetres for few views, would count as an error of it.
 """
 
 from __future__ import annotations

@@ -25,6 +25,7 @@ from calibrant.detection.chessboard.strays import stray_corners
 from calibrant.detection.detection import Detection
 from calibrant.detection.subpixel.refined import WINDOWS_OF_BLUR, Refined
 from calibrant.detection.subpixel.refinement import DEFAULT, Refinement, refine
+from calibrant.detection.tags.grid_seen import aprilgrid_seen
 from calibrant.errors import InputError
 from calibrant.opencv import cv2
 from calibrant.targets.chessboard import Chessboard
@@ -86,7 +87,7 @@ class ChessboardDetector:
         if best is not None:
             return best
         part = _part(grey, seen, target, self.refinement)
-        return _not_found(seen, target) if part is None else part
+        return _not_found(grey, seen, target) if part is None else part
 
 
 def _at_every_scale(grey: Grey, target: Chessboard) -> Iterator[_Found]:
@@ -231,11 +232,15 @@ def _ambiguous(target: Chessboard) -> str:
     )
 
 
-def _not_found(others: list[_Found], target: Chessboard) -> Detection:
+def _not_found(grey: Grey, others: list[_Found], target: Chessboard) -> Detection:
     asked = f"{target.columns}x{target.rows}"
     shape = _largest(f.grid for f in others)
     if shape is None:
         return Detection.nothing(f"no chessboard of {asked} inner corners was found")
+    if (tags := aprilgrid_seen(grey)) is not None:  # whose small squares meet the tags in corners of a grid
+        return Detection.nothing(
+            f"the image looks like {tags}, you asked for {target.spec}", looks_like=tags, another=True
+        )
     rows, columns = shape
     if (rows > columns) != (target.rows > target.columns):
         rows, columns = columns, rows

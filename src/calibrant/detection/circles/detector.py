@@ -23,6 +23,7 @@ from calibrant.detection.circles.spots import Spots, find_spots
 from calibrant.detection.detection import Detection
 from calibrant.detection.local_homography import fit_local_maps
 from calibrant.detection.opencv import shrink
+from calibrant.detection.tags.grid_seen import aprilgrid_seen
 from calibrant.errors import InputError
 from calibrant.targets.circles import Circles
 from calibrant.targets.target import Target
@@ -76,8 +77,10 @@ class CirclesDetector:
                     break
                 # Squares are spots too, of lattices that may fit the grid's: looked for before all else is tried.
                 first_look = best is None and factor == first and negative == target.inverted
-                if first_look and (board := _chessboard(grey, first)) is not None:
-                    return _looks_like_chessboard(board, target)
+                if first_look and (board := _board_of_squares(grey, first)) is not None:
+                    return Detection.nothing(
+                        f"the image looks like {board}, you asked for {target.spec}", looks_like=board, another=True
+                    )
                 # What fills a layout of the other kind is not looked for at full size, by every window, and negative.
                 if best is None and is_other_kind(seen, target):
                     return why_not_found(seen, target)
@@ -86,15 +89,12 @@ class CirclesDetector:
         return why_not_found(seen, target)
 
 
-def _chessboard(grey: Grey, factor: int) -> tuple[int, int] | None:
-    """Inner corners of a chessboard, or of a ChArUco board's squares, in the picture made smaller by `factor`."""
-    return board_seen(np.ascontiguousarray(shrink(grey, factor)))
-
-
-def _looks_like_chessboard(board: tuple[int, int], target: Circles) -> Detection:
-    columns, rows = board
-    seen = f"a chessboard (or ChArUco board) of {columns}x{rows} inner corners"
-    return Detection.nothing(f"the image looks like {seen}, you asked for {target.spec}", looks_like=seen, another=True)
+def _board_of_squares(grey: Grey, factor: int) -> str | None:
+    """The board whose squares are spots as well; a chessboard is looked for in the picture made smaller by `factor`."""
+    if (tags := aprilgrid_seen(grey)) is not None:
+        return tags
+    found = board_seen(np.ascontiguousarray(shrink(grey, factor)))
+    return None if found is None else "a chessboard (or ChArUco board) of {}x{} inner corners".format(*found)
 
 
 def _at_scale(

@@ -173,9 +173,7 @@ def _check_size(compare: Compare, observations: Observations) -> None:
         )
 
 
-def _at_poses(
-    compare: Compare, views: list[View], request: Asked, photos: Sequence[tuple[Path, bool]]
-) -> Compared:
+def _at_poses(compare: Compare, views: list[View], request: Asked, photos: Sequence[tuple[Path, bool]]) -> Compared:
     """Photos at robot poses; these read as the calibration's were, or as fits best."""
     from calibrant.data.file_names import distinct_names
     from calibrant.formats.poses.notations import notations

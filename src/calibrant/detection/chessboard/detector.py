@@ -25,7 +25,6 @@ from calibrant.detection.chessboard.strays import stray_corners
 from calibrant.detection.detection import Detection
 from calibrant.detection.subpixel.refined import WINDOWS_OF_BLUR, Refined
 from calibrant.detection.subpixel.refinement import DEFAULT, Refinement, refine
-from calibrant.detection.tags.grid_seen import aprilgrid_seen
 from calibrant.errors import InputError
 from calibrant.opencv import cv2
 from calibrant.targets.chessboard import Chessboard
@@ -233,6 +232,8 @@ def _ambiguous(target: Chessboard) -> str:
 
 
 def _not_found(grey: Grey, others: list[_Found], target: Chessboard) -> Detection:
+    from calibrant.detection.tags.grid_seen import aprilgrid_seen  # not needed where the board is found
+
     asked = f"{target.columns}x{target.rows}"
     shape = _largest(f.grid for f in others)
     if shape is None:

@@ -23,7 +23,6 @@ from calibrant.detection.circles.spots import Spots, find_spots
 from calibrant.detection.detection import Detection
 from calibrant.detection.local_homography import fit_local_maps
 from calibrant.detection.opencv import shrink
-from calibrant.detection.tags.grid_seen import aprilgrid_seen
 from calibrant.errors import InputError
 from calibrant.targets.circles import Circles
 from calibrant.targets.target import Target
@@ -91,6 +90,8 @@ class CirclesDetector:
 
 def _board_of_squares(grey: Grey, factor: int) -> str | None:
     """The board whose squares are spots as well; a chessboard is looked for in the picture made smaller by `factor`."""
+    from calibrant.detection.tags.grid_seen import aprilgrid_seen  # not needed where the board is found
+
     if (tags := aprilgrid_seen(grey)) is not None:
         return tags
     found = board_seen(np.ascontiguousarray(shrink(grey, factor)))

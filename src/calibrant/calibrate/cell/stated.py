@@ -29,12 +29,14 @@ def stated_layout(result: CalibrationResult, *, used_only: bool = True) -> Layou
     if result.cell is None or result.observations is None or result.robot_poses is None:
         return None
     stated = result.cell.pictures
-    lists = [(p.camera, p.robot) for p in stated]
+    lists = [(p.camera, p.target if p.setup == HANDHELD else p.robot) for p in stated]
     names = list(dict.fromkeys(r for p in stated for r in (p.robot, p.other) if r))
     robots = {name: _poses_of(result.robot_poses, name, alone=len(names) == 1) for name in names}
     pictures = []
     for i, p in enumerate(stated):
-        seen = _seen_by(result.observations, lists, i, alone=len(names) == 1)
+        # Moments carry the name of what they are of where they are not those of the only robot.
+        named = f"{p.robot or HANDHELD}/" if len(names) > 1 or not p.robot else ""
+        seen = _seen_by(result.observations, lists, i, named)
         if used_only:
             used = {v.id for v in result.views if v.used and v.camera == p.camera}
             seen = replace(seen, views=tuple(v for v in seen.views if v.id in used))
@@ -93,9 +95,9 @@ def _poses_of(poses: RobotPoses, robot: str, *, alone: bool) -> RobotPoses:
     return replace(poses, ids=ids, T_base_gripper=poses.T_base_gripper[np.array(mine, dtype=np.int64)])
 
 
-def _seen_by(observations: Observations, lists: list[tuple[str, str]], i: int, *, alone: bool) -> Observations:
-    """The views of list i; their moments are ids of the robot's poses."""
-    camera, robot = lists[i]
+def _seen_by(observations: Observations, lists: list[tuple[str, str]], i: int, named: str) -> Observations:
+    """The views of list i; their moments are ids of the robot's poses, without what they are named by."""
+    camera, _ = lists[i]
     prefix = id_prefix(lists, i)
     others = [id_prefix(lists, k) for k in range(len(lists)) if k != i and lists[k][0] == camera]
     longer = tuple(o for o in others if len(o) > len(prefix) and o.startswith(prefix))
@@ -103,6 +105,5 @@ def _seen_by(observations: Observations, lists: list[tuple[str, str]], i: int, *
     for v in observations.views:
         if v.camera != camera or not v.id.startswith(prefix) or v.id.startswith(longer):
             continue
-        named = f"{robot or HANDHELD}/"
-        views.append(v if alone and robot else replace(v, moment=v.moment.removeprefix(named)))
+        views.append(replace(v, moment=v.moment.removeprefix(named)))
     return replace(observations, views=tuple(views), image_sizes={camera: observations.image_sizes[camera]}, missed=())

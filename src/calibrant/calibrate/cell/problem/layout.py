@@ -346,15 +346,14 @@ class Layout:
 
 
 def id_prefix(lists: Sequence[tuple[str, str]], i: int) -> str:
-    """What the view ids of list i begin with: the robot's name, "handheld" without, where a camera stands in several
-    lists.
+    """What the view ids of list i begin with: the robot's name, or a handheld target's, where a camera stands in
+    several lists.
 
-    lists: (camera, robot) of each.
+    lists: (camera, robot or handheld target) of each.
     """
-    camera, robot = lists[i]
+    camera, by = lists[i]
     if [c for c, _ in lists].count(camera) == 1:
         return ""
-    by = robot or HANDHELD
     return f"{by}/{i}/" if lists[i] in lists[:i] else f"{by}/"
 
 

@@ -71,12 +71,12 @@ class Capture:
         return Capture(self.name, self.sequence, self.pictures[order], tuple(self.names[k] for k in order))
 
 
-def read_pictures(files: Sequence[str], load: Callable[[str], Grey]) -> Grey:
-    """The pictures (n, h, w) of files. Raises: InputError for pictures of several sizes."""
-    first = load(files[0])
+def read_pictures(files: Sequence[str], grey_of: Callable[[str], Grey]) -> Grey:
+    """The pictures (n, h, w) of files, each as `grey_of` reads it. Raises: InputError for pictures of several sizes."""
+    first = grey_of(files[0])
     pictures = np.empty((len(files), *first.shape), dtype=np.uint8)
     for k, file in enumerate(files):
-        one = first if k == 0 else load(file)
+        one = first if k == 0 else grey_of(file)
         if one.shape != first.shape:
             (h, w), (h0, w0) = one.shape, first.shape
             raise InputError(f"{file} is {w} × {h} px, {files[0]} {w0} × {h0} px: one camera takes one size")

@@ -66,12 +66,12 @@ def read_captured(name: str, folder: Path, sequence: PatternSequence, *, mirror_
     from calibrant.detection.structured_light.capture import Capture, read_pictures
     from calibrant.detection.structured_light.order import check_count, check_order
 
-    def load(file: str) -> Grey:
+    def grey_of(file: str) -> Grey:
         grey = load_grey(file)
         return grey[:, ::-1].copy() if mirror_x else grey
 
     files = [str(f) for f in files_of(folder)]
     names = [Path(f).name for f in files]
-    pictures = read_pictures(files, load)
+    pictures = read_pictures(files, grey_of)
     check_count(name, names, sequence, pictures)
     return check_order(Capture(name, sequence, pictures, tuple(files)))

@@ -49,11 +49,12 @@ def test_focal_length_within_a_thousandth(lens: str) -> None:
 
 
 def scores(result: CalibrationResult, pair: ProjectorPair) -> tuple[float, float]:
-    """Squared error over the covariance of pose and projector, a degree of freedom."""
+    """Squared error over the covariance of pose and projector, a degree of freedom; without terms that are left out."""
     projector = result.cameras["projector"]
     error = projector.values - pair.projector.values
     assert projector.covariance is not None
-    lens = float(error @ np.linalg.solve(projector.covariance, error)) / len(error)
+    told = np.flatnonzero(np.diag(projector.covariance))
+    lens = float(error[told] @ np.linalg.solve(projector.covariance[np.ix_(told, told)], error[told])) / len(told)
     return normalised(result.transform("camera", "projector"), pair.T_camera_projector) / 6, lens
 
 

@@ -12,7 +12,8 @@ from rich.console import Console
 
 from calibrant.cameras import Camera, camera_model
 from calibrant.data import CalibrationResult, Check, ViewResult
-from calibrant.reports.terminal import summary
+from calibrant.reports.parts.blocks import Column, TextTable
+from calibrant.reports.terminal import summary, text_table
 
 
 def _printed(result: CalibrationResult, *, width: int = 80, verbose: bool = False) -> str:
@@ -110,3 +111,17 @@ def test_a_surface_of_control_points_is_summed_up(intrinsics_result: Calibration
     assert "their 1σ is 0.0020 (median) to 0.050 (worst)" in " ".join(text.split())
     assert "x5_5" not in text
     assert any(line.split()[:2] == ["fx", "700.00"] for line in text.splitlines())
+
+
+@pytest.mark.parametrize("width", [60, 80, 140])
+def test_a_narrow_terminal_breaks_headings_and_names_and_cuts_no_word(width: int) -> None:
+    headings = ("capture", "corners", "in the projector", "RMS, px", "of them decoded", "direct light")
+    columns = tuple(Column(heading, k > 0) for k, heading in enumerate(headings))
+    rows = (("board-in-the-far-corner", "63", "60", "0.200", "100%", "30%"),)
+    stream = io.StringIO()
+    Console(file=stream, width=width).print(text_table(TextTable("Captures", columns, rows)))
+    lines = stream.getvalue().splitlines()
+    assert {word for h in headings for word in h.split()} <= set(" ".join(lines).split())
+    assert "".join(line[: max(7, line.find("  "))].strip() for line in lines[-4:]).endswith(rows[0][0])
+    assert set(rows[0][1:]) <= set(" ".join(lines).split())
+    assert max(map(len, lines)) <= width

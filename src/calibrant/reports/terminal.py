@@ -8,11 +8,13 @@ uses the width there is; a status is always a word. Rich drops the colours by it
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import zip_longest
+from textwrap import fill
 from typing import Literal
 
 from rich.columns import Columns
-from rich.console import Group, RenderableType
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.table import Table
 from rich.text import Text
 
@@ -51,6 +53,8 @@ _VIEW_STYLES = {"used": "", "used, flagged": "yellow", "left out": "red"}
 _ALL_VIEWS_UP_TO = 40
 """Longer lists scroll the verdict's reasons out of sight: then only views with a reason and the worst are shown."""
 _WORST_SHOWN = 5
+_GAP = 2
+"""Blanks after a column."""
 
 
 def summary(at: CalibrationResult | Look, *, verbose: bool = False) -> RenderableType:
@@ -91,18 +95,38 @@ def notes(result: CalibrationResult) -> list[RenderableType]:
 
 def text_table(given: TextTable) -> RenderableType:
     """A table of texts with its heading and its note."""
-    table = _table(header=any(column.name for column in given.columns))
-    for column in given.columns:
-        side: Literal["left", "right"] = "right" if column.number else "left"
-        table.add_column(column.name, justify=side, no_wrap=column.number, overflow="fold")
-    for row in given.rows:
-        table.add_row(*map(Text, row))
     note = [Text(given.note, style="dim")] if given.note else []
-    return _headed(given.heading, *([table] if given.rows else []), *note)
+    return _headed(given.heading, *([_Fitting(given)] if given.rows else []), *note)
+
+
+@dataclass(frozen=True)
+class _Fitting:
+    """A table as wide as the terminal: where that is narrow, headings of numbers take several lines, then names do."""
+
+    given: TextTable
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        columns, rows = self.given.columns, self.given.rows
+        longest = [max(len(row[k]) for row in rows) for k in range(len(columns))]
+        headings = [column.name for column in columns]
+        if sum(max(n, len(h)) for n, h in zip(longest, headings)) + _GAP * len(columns) > options.max_width:
+            headings = [_broken(h, n) if c.number else h for c, h, n in zip(columns, headings, longest)]
+        table = _table(header=any(headings))
+        for column, heading in zip(columns, headings):
+            side: Literal["left", "right"] = "right" if column.number else "left"
+            table.add_column(heading, justify=side, no_wrap=column.number, overflow="fold")
+        for row in rows:
+            table.add_row(*map(Text, row))
+        yield table
+
+
+def _broken(heading: str, longest: int) -> str:
+    """A heading on several lines, as narrow as its words and the column's numbers let it be."""
+    return fill(heading, max(longest, 1, *map(len, heading.split())), break_long_words=False)
 
 
 def _table(*, header: bool = True) -> Table:
-    return Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim", show_header=header)
+    return Table(box=None, pad_edge=False, padding=(0, _GAP, 0, 0), header_style="dim", show_header=header)
 
 
 def _headed(heading: str, *parts: RenderableType) -> RenderableType:

@@ -55,8 +55,8 @@ def _tables(result: CalibrationResult) -> list[TextTable]:
         return []
     columns = (
         Column("capture"),
-        *(Column(name, True) for name in ("corners", "in projector", "RMS, projector px")),
-        *(Column(name, True) for name in ("decoded", "direct light", "saturated", "pixel, 1σ px", "noise, grey")),
+        *(Column(name, True) for name in ("corners", "carried", "RMS, px")),
+        *(Column(name, True) for name in ("decoded", "direct light", "too bright", "1σ, px", "noise, grey")),
     )
     rows = tuple(
         (
@@ -71,7 +71,10 @@ def _tables(result: CalibrationResult) -> list[TextTable]:
         for c in found.captures
     )
     statuses = tuple("ok" if c.rms_px is not None else "fail" for c in found.captures)
-    note = f"{found.patterns} patterns each ({found.code}); shares are of the board's pixels."
+    note = (
+        f"{found.patterns} patterns each ({found.code}). Carried: corners whose place in the projector is known too; "
+        "RMS is theirs there, 1σ that of one camera pixel, in px of the projector. Shares are of the board's pixels."
+    )
     return [TextTable("Captures", columns, rows, note, statuses)]
 
 

@@ -42,6 +42,8 @@ MOST_TOGETHER, LEAST_TASKS = 8, 30
 least, none waits long for another at the end."""
 MIRRORED_LOOKS = 3
 """Images that are tried in the mirror when none shows the target: a camera mirrors all or none."""
+ONE_SIZE = "one camera takes images of one size"
+"""How the reason ends for which an image of another size gives no view."""
 FAINT_NOTE = "Some images show the target only after their gradient was divided out of their more than 8 bits."
 
 
@@ -249,7 +251,7 @@ def _common_size(done: Sequence[ImageDetection]) -> tuple[int, int]:
         other = next(d for d in readable if d.size != first.size)
         raise InputError(
             f"images of {len(sizes)} sizes: {first.file.name} is {_by(first.size)}, {other.file.name} is "
-            f"{_by(other.size)}; one camera takes images of one size: leave out the others"
+            f"{_by(other.size)}; {ONE_SIZE}: leave out the others"
         )
     return size
 
@@ -265,9 +267,7 @@ def _foreign_left_out(done: Sequence[ImageDetection], size: tuple[int, int]) -> 
         if d.size in (None, size)
         else replace(
             d,
-            detection=Detection.nothing(
-                f"the image is {_by(d.size)}, most are {_by(size)}; one camera takes images of one size"
-            ),
+            detection=Detection.nothing(f"the image is {_by(d.size)}, most are {_by(size)}; {ONE_SIZE}"),
         )
         for d in done
     ]

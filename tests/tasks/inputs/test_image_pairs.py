@@ -31,6 +31,11 @@ def test_by_name(left: tuple[str, ...], right: tuple[str, ...], pairs: tuple[tup
     assert (found.rule, found.pairs) == ("name", pairs)
 
 
+def test_pairs_are_counted_in_words() -> None:
+    assert paired_images(files("left.png"), files("right.png")).words == "1 pair by name"
+    assert paired_images(files("left1.png", "left2.png"), files("right1.png", "right2.png")).words == "2 pairs by name"
+
+
 def test_what_has_no_partner_is_named() -> None:
     found = paired_images(files("left1.png", "left2.png", "left4.png"), files("right1.png", "right2.png", "right3.png"))
     assert (found.alone_left, found.alone_right) == ((2,), (2,))

@@ -13,6 +13,8 @@ import numpy as np
 
 from calibrant.arrays import Array
 from calibrant.calibrate.cell.calibrate import CellFit, reviewed_cell
+from calibrant.calibrate.cell.certainty.checks import BY_OTHERS
+from calibrant.calibrate.cell.fitted import fitted_cameras
 from calibrant.calibrate.cell.lens_choice import MODEL, FixForEach, ForEach
 from calibrant.calibrate.cell.rig import asked_of_rig, fit_rig
 from calibrant.calibrate.stereo import checks as questions
@@ -65,13 +67,22 @@ def calibrate_stereo(
         )
     fit = fit_rig(observations, cameras=cameras, initial=initial, model=model, fix=fix, same_focal=same_focal)
     asked = asked_of_rig(model, fix, initial) | ({"same_focal": True} if same_focal else {})
-    result = stereo_result(fit, reviewed_cell(fit, asked))
+    free = None
+    if same_focal and _bent(fit):
+        free = fit_rig(observations, cameras=cameras, initial=initial, model=model, fix=fix)
+    result = stereo_result(fit, reviewed_cell(fit, asked), None if free is None or _bent(free) else free)
     refuse_if_failed(result)
     return result
 
 
-def stereo_result(fit: CellFit, rig: CalibrationResult) -> CalibrationResult:
-    """The result of a rig of two, as one of kind "stereo"."""
+def _bent(fit: CellFit) -> bool:
+    """Whether a lens is elsewhere than its photos have it."""
+    return any(shift.bent for shift in fit.certainty.lenses.values())
+
+
+def stereo_result(fit: CellFit, rig: CalibrationResult, free: CellFit | None = None) -> CalibrationResult:
+    """The result of a rig of two, as one of kind "stereo". free: the fit without one focal length for both, where that
+    alone bends the lenses: then it is what is said."""
     left, right = fit.cell.layout.cameras
     T = rig.transform(left, right)
     eyes = rig.cameras[left], rig.cameras[right]
@@ -85,9 +96,13 @@ def stereo_result(fit: CellFit, rig: CalibrationResult) -> CalibrationResult:
         questions.sides_check(left, right, T),
         questions.pairs_check(rig.observations, left, right, pairs),
         *questions.epipolar_checks(errors),
-        *questions.same_focal_checks([fit.cell.roles[name].camera for name in fit.cell.same_focal]),
+        *questions.same_focal_checks(
+            {name: fit.cell.roles[name].camera for name in fit.cell.same_focal},
+            None if free is None else fitted_cameras(free.cell, free.noise.solution),
+        ),
     )
-    checks = (*rig.checks, *asked)
+    of_rig = [c for c in rig.checks if free is None or not c.name.startswith(BY_OTHERS)]
+    checks = (*of_rig, *asked)
     return replace(
         rig,
         kind="stereo",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -16,6 +16,8 @@ EPIPOLAR_WARN = 1.5
 """Epipolar errors over what the pixels' noise makes of them: a common geometry for all pairs leaves them nearly so."""
 DIFFERENT = 1e-4
 """Chance of focal lengths as different of two that are the same: one of ten thousand pairs is warned of."""
+FOCAL = ("fx", "fy")
+_LEAVE_OUT = "Leave the option out (same_focal, --same-focal), or their places take up the difference"
 FEW_POINTS = 4
 """Points of a pair that both saw, below which their relative pose is not seen in it."""
 _LISTED = 4
@@ -78,25 +80,41 @@ def epipolar_checks(errors: EpipolarErrors | None) -> tuple[Check, ...]:
     return (Check("epipolar", "warn", message, errors.rms_px),)
 
 
-def same_focal_checks(cameras: Sequence[Camera]) -> tuple[Check, ...]:
+def same_focal_checks(cameras: Mapping[str, Camera], free: Mapping[str, Camera] | None = None) -> tuple[Check, ...]:
     """Do two cameras that are taken to have one focal length have it by their own images? cameras: as those have
-    them."""
+    them; free: as both were found without the option, where it alone bends their lenses."""
     if not cameras:
         return ()
-    a, b = cameras
-    names = [n for n in ("fx", "fy") if a.sigma.get(n) and b.sigma.get(n)]
+    if free is not None:
+        message = (
+            f"the images contradict one focal length for both: without it {_both_focals(free)}, and the lenses are as "
+            f"their photos alone have them; with it they are bent. {_LEAVE_OUT}"
+        )
+        return (Check("same-focal", "warn", message),)
+    a, b = cameras.values()
+    names = [n for n in FOCAL if a.sigma.get(n) and b.sigma.get(n)]
     at_a, at_b = ([c.model.index(n) for n in names] for c in (a, b))
     if not names or a.covariance is None or b.covariance is None:
         return ()
     d = b.values[at_b] - a.values[at_a]
     C = a.covariance[np.ix_(at_a, at_a)] + b.covariance[np.ix_(at_b, at_b)]
     chance = chi2_tail(len(d), float(d @ np.linalg.pinv(C, hermitian=True) @ d))
-    said = ", ".join(f"{n} by {x:.2g} ± {s:.2g} px" for n, x, s in zip(names, d, np.sqrt(np.diag(C))))
-    text = f"by their own images the focal lengths differ: {said}"
     if chance < DIFFERENT:
-        message = f"{text}; they are not the same: leave the option out, or their places take up the difference"
+        message = (
+            f"the images contradict one focal length for both: by the images of each {_both_focals(cameras)}; they are "
+            f"not the same. {_LEAVE_OUT}"
+        )
         return (Check("same-focal", "warn", message, chance),)
-    return (Check("same-focal", "ok", f"{text}, which is chance: one unknown serves both", chance),)
+    said = ", ".join(f"{n} by {x:.2g} ± {s:.2g} px" for n, x, s in zip(names, d, np.sqrt(np.diag(C))))
+    text = f"by their own images the focal lengths differ: {said}, which is chance: one unknown serves both"
+    return (Check("same-focal", "ok", text, chance),)
+
+
+def _both_focals(cameras: Mapping[str, Camera]) -> str:
+    """fx and fy of both cameras, where they were found."""
+    found = [n for n in FOCAL if all(c.sigma.get(n) for c in cameras.values())]
+    each = [[f"{c.parameters[n]:.5g} ± {c.sigma[n]:.2g} px in {who}" for who, c in cameras.items()] for n in found]
+    return ", ".join(f"{n} is {' and '.join(both)}" for n, both in zip(found, each))
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -219,16 +219,21 @@ def _words(rule: Rule, counts: Sequence[int], alone: Sequence[Sequence[int]], li
     }[rule]
     shared = Counter(n for n in counts if n > 1)
     if len(lists) == 2:
-        text = f"{sum(shared.values())} pairs {how}"
+        text = f"{_counted(sum(shared.values()), 'pair')} {how}"
     else:
         parts = [f"{m} of {'all' if n == len(lists) else n}" for n, m in sorted(shared.items(), reverse=True)]
-        text = f"{sum(shared.values())} moments of {len(lists)} cameras {how}, {', '.join(parts) or 'none shared'}"
+        moments = _counted(sum(shared.values()), "moment")
+        text = f"{moments} of {len(lists)} cameras {how}, {', '.join(parts) or 'none shared'}"
     for (name, files), left_over in zip(lists.items(), alone):
         if left_over:
             names = ", ".join(files[i].name for i in left_over[:_LISTED])
             more = " …" if len(left_over) > _LISTED else ""
             text += f"; {len(left_over)} of {_camera(name)} without a partner: {names}{more}"
     return text
+
+
+def _counted(n: int, what: str) -> str:
+    return f"{n} {what}" if n == 1 else f"{n} {what}s"
 
 
 def _camera(name: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -17,7 +17,7 @@ from calibrant.tasks.listener import SILENT, Listener
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from calibrant.data import CalibrationResult, Observations
+    from calibrant.data import CalibrationResult, Check, Observations
     from calibrant.detection.subpixel.refinement import Refinement
     from calibrant.targets.target import Target
 
@@ -38,6 +38,8 @@ SOLVER = (
     "calibrant.cameras.kernels.brown_rows",
 )
 """Modules of the kernels for photos, and of the camera model that is asked for most."""
+_LISTED = 8
+"""Images that a check names."""
 
 
 def load_solver(listener: Listener = SILENT) -> None:
@@ -123,8 +125,9 @@ def cache_folder(given: str | None) -> Path | None:
 
 
 def with_misses(result: CalibrationResult) -> CalibrationResult:
-    """The result with the images that showed no board among its views, each with the reason."""
-    from calibrant.data import ViewResult
+    """The result with the images that showed no board among its views, each with the reason; those of another size
+    than their camera's are warned of."""
+    from calibrant.data import ViewResult, verdict_of
 
     if result.observations is None:
         return result
@@ -132,4 +135,26 @@ def with_misses(result: CalibrationResult) -> CalibrationResult:
     missed = tuple(
         ViewResult(m.id, False, 0, None, m.reason, m.camera) for m in result.observations.missed if m.id not in known
     )
-    return replace(result, views=(*result.views, *missed))
+    checks = (*result.checks, *_size_checks(result.observations))
+    verdict = verdict_of(checks) if len(checks) > len(result.checks) else result.verdict
+    return replace(result, views=(*result.views, *missed), checks=checks, verdict=verdict)
+
+
+def _size_checks(found: Observations) -> Iterator[Check]:
+    """By camera, whether images were left out for their size: half of a set may be, and the rest calibrate well."""
+    from calibrant.data import Check
+    from calibrant.detection.pipeline import ONE_SIZE
+
+    for camera, (width, height) in found.image_sizes.items():
+        other = [m.id for m in found.missed if m.camera == camera and m.reason.endswith(ONE_SIZE)]
+        if not other:
+            continue
+        count = len(found.of_camera(camera).views) + sum(m.camera == camera for m in found.missed)
+        names = ", ".join(other[:_LISTED]) + (f" … ({len(other)})" if len(other) > _LISTED else "")
+        several = len(found.image_sizes) > 1
+        message = (
+            f"{len(other)} of {count} images{f' of {camera}' if several else ''} are not {width}x{height} px and are "
+            f"left out: {names}. Was the camera's resolution changed, or are they another camera's? Calibrate them "
+            "apart, or leave them out (--exclude)"
+        )
+        yield Check(f"image-sizes-{camera}" if several else "image-sizes", "warn", message, float(len(other)))

@@ -58,6 +58,10 @@ def test_a_lens_that_the_robot_bends_is_named_and_held(fit: CellFit) -> None:
     (check,) = lens_shift_check(fit.cell.roles["camera"].camera, found)
     assert check.status == "warn"
     assert "cy" in check.message
+    assert check.name == "lens-by-robot"
+    (of_rig,) = lens_shift_check(fit.cell.roles["camera"].camera, found, rig=True)
+    assert of_rig.name == "lens-by-others"
+    assert of_rig.message.startswith("the other cameras bend the lens")
     solution = replace(fit.noise.solution, beside=found.covariance)
     # As far off as it is, or more.
     assert np.sqrt(solution.covariance(LENS)[3, 3]) > 0.7 * abs(found.moved[3])

@@ -11,6 +11,7 @@ import pytest
 import calibrant as cb
 from calibrant.calibrate.cell.moments.moved import move_between
 from calibrant.calibrate.cell.moments.numbering import which_turns
+from calibrant.calibrate.cell.moments.reflected import reflections
 from calibrant.calibrate.cell.moments.sightings import pose_errors
 from calibrant.calibrate.pose.target_poses import poses_from
 from calibrant.cameras import Camera
@@ -64,6 +65,47 @@ def test_images_that_are_all_one_late_are_refused_with_the_shift(seen: Observati
     early = on_the_right(seen, lambda v: replace(v, moment=f"{int(v.moment) - 1:02d}"))
     with pytest.raises(RefusedError, match="right is 1 image early"):
         cb.calibrate_stereo(early)
+
+
+def numbered_in_the_mirror(v: View) -> np.ndarray:
+    """Rows of a view's points as a detector numbers the mirrored board, whose rows run the other way."""
+    x, y = v.points[:, 0], v.points[:, 1].max() + v.points[:, 1].min() - v.points[:, 1]
+    return np.array([int(np.argmin(np.hypot(v.points[:, 0] - a, v.points[:, 1] - b))) for a, b in zip(x, y)])
+
+
+def flipped(v: View, width: int) -> View:
+    uv = v.uv * [-1, 1] + [width - 1, 0]
+    return replace(v, uv=uv[numbered_in_the_mirror(v)])
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_camera_that_delivers_mirror_images_is_named(seen: Observations, side: str) -> None:
+    whole = replace(seen, views=tuple(v for v in seen.views if len(v) == 54))
+    width = whole.image_sizes[side][0]
+    mirrored = replace(whole, views=tuple(flipped(v, width) if v.camera == side else v for v in whole.views))
+    with pytest.raises(RefusedError, match=rf"of \d+ do when the images of one camera .* Give --mirror-{side}"):
+        cb.calibrate_stereo(mirrored)
+
+
+def test_a_board_seen_from_behind_is_said(seen: Observations) -> None:
+    whole = replace(seen, views=tuple(v for v in seen.views if len(v) == 54))
+    behind = on_the_right(whole, lambda v: replace(v, uv=v.uv[numbered_in_the_mirror(v)]))
+    with pytest.raises(RefusedError, match="when one of them sees the board from behind"):
+        cb.calibrate_stereo(behind)
+
+
+@pytest.mark.parametrize("how", ["mirrored", "behind"])
+def test_what_reflected_poses_are_off_by_against_differences(how: str) -> None:
+    rng = np.random.default_rng(3)
+    T, middle, h = se3.make(so3.exp([0.3, -0.2, 0.5]), [0.1, -0.05, 0.6])[None], np.array([0.1, 0.06, 0.0]), 1e-6
+    L = rng.normal(size=(1, 6, 1))
+    for mine, moved in zip(
+        reflections(T, np.eye(6)[None], L, middle),
+        reflections(se3.retract(T, h * L[:, :, 0]), np.eye(6)[None], L, middle),
+        strict=True,
+    ):
+        if mine.how == how:
+            np.testing.assert_allclose(se3.local(mine.T, moved.T) / h, mine.L[:, :, 0], atol=1e-5)
 
 
 def test_an_image_that_was_lost_is_dated(seen: Observations) -> None:

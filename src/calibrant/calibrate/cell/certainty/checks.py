@@ -53,6 +53,8 @@ def geometry_check(found: ArmError, *, seen: bool, identified: bool) -> Check:
 
 ROBOT_BENDS = ("the robot's poses", "the robot's errors (--identify)")
 """Who bends a lens, and what to look for."""
+BY_ROBOT, BY_OTHERS = "lens-by-robot", "lens-by-others"
+"""What the check is called of a cell with robots, and of a rig, which has none."""
 
 
 def lens_shift_check(camera: Camera, found: LensShift, *, rig: bool = False) -> tuple[Check, ...]:
@@ -68,7 +70,7 @@ def lens_shift_check(camera: Camera, found: LensShift, *, rig: bool = False) -> 
         f"{float(found.sigma[k]):.2g} by the photos alone; sigma holds it. Give a camera calibrated by itself "
         f"(--camera), or find {cure}"
     )
-    return (Check("lens-by-robot", "warn", message, float(np.abs(found.moved[k]) / found.sigma[k])),)
+    return (Check(BY_OTHERS if rig else BY_ROBOT, "warn", message, float(np.abs(found.moved[k]) / found.sigma[k])),)
 
 
 def given_lens_check(camera: Camera, found: LensDoubt, *, rig: bool = False) -> tuple[Check, ...]:

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
+from calibrant.calibrate.cell.certainty.checks import BY_OTHERS, BY_ROBOT
 from calibrant.calibrate.review import board_shape
 from calibrant.data import CalibrationResult
 
 ASKED = (board_shape.FLATNESS, board_shape.SQUARES, "one-camera", "residual-structure")
 """Checks that every camera must have passed."""
-CAUSES = (*ASKED, board_shape.POINTS, board_shape.LENS, "image-shear", "lens-by-robot", "given-lens")
+CAUSES = (*ASKED, board_shape.POINTS, board_shape.LENS, "image-shear", BY_ROBOT, BY_OTHERS, "given-lens")
 UNTOLD = (board_shape.FLATNESS_UNTOLD, board_shape.SQUARES_UNTOLD)
 
 

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from calibrant.arrays import Array, Mask
 from calibrant.calibrate.cell.moments.moved import Move, move_between
+from calibrant.calibrate.cell.moments.reflected import BEHIND, reflections
 from calibrant.calibrate.cell.moments.sightings import (
     Common,
     pose_errors,
@@ -186,7 +187,7 @@ def seen_at_once(
             checks.append(Check(_name(MOVED, pair, where), "warn", text, 1e3 * float(np.linalg.norm(move.step[3:]))))
             continue
         if wrong.sum() > len(found) / 2:
-            raise RefusedError(f"at-once: {_no_pairs(pair, found, int((~wrong).sum()))}")
+            raise RefusedError(f"at-once: {_no_pairs(pair, found, int((~wrong).sum()), _middle(pair, out))}")
         if wrong.any():
             checks.append(_left_out(where, pair, found, D, wrong, out, own))
     return tuple(out), own, tuple(checks)
@@ -301,8 +302,41 @@ def _late(pair: Common, shift: int) -> str:
     return f"{pair.b} is {abs(shift)} {images} {'late' if shift > 0 else 'early'}"
 
 
-def _no_pairs(pair: Common, found: PairPoses, agreeing: int) -> str:
-    """Most pairs contradict each other: is there a shift under which they do not?"""
+def _middle(pair: Common, data: Sequence[HandEyeViews]) -> Array:
+    """The middle (3,) of the board, by all points that b saw of it."""
+    points = np.concatenate([view_of(data, s).points for s in pair.seen_b])
+    return np.asarray((points.min(axis=0) + points.max(axis=0)) / 2)
+
+
+def _reflected(pair: Common, found: PairPoses, agreeing: int, middle: Array) -> str | None:
+    """Most pairs contradict each other: do they agree where one camera's pictures are mirrored, or seen from behind?"""
+    n = len(found)
+    ways = [
+        (other.how, replace(found, T_b=other.T, C_b=other.C, L_b=other.L))
+        for other in reflections(found.T_b, found.C_b, found.L_b, middle)
+    ]
+    how, best = min(ways, key=lambda way: _scatter(way[1].D))
+    D = robust_mean(best.D)
+    fits = int((~apart(best, D)).sum())
+    # Boards that face the cameras scatter little in any mirror: it must be far less than without one.
+    if fits <= max(agreeing, n / 2) or _scatter(best.D) > PAIRED * _scatter(found.D):
+        return None
+    if how == BEHIND:
+        return (
+            f"{fits} of {n} do when one of them sees the board from behind: give its back as a board of its own "
+            "that is fixed to the front (calibrant rig --board, --rigid), or leave such pairs out"
+        )
+    # Both eyes through one mirror look the same, but for the side that b stands at.
+    who = pair.b if D[0, 3] > 0 else pair.a
+    option = f"--mirror-{who}" if {pair.a, pair.b} == {"left", "right"} else f"--mirror {who}"
+    return (
+        f"{fits} of {n} do when the images of one camera are flipped left to right: {who} delivers mirror images, if "
+        f"{pair.b} stands at the right of {pair.a}, else the other one. Give {option}"
+    )
+
+
+def _no_pairs(pair: Common, found: PairPoses, agreeing: int, middle: Array) -> str:
+    """Most pairs contradict each other: is there a shift or a reflection under which they do not?"""
     n = len(found)
     text = f"only {agreeing} of {n} pairs agree on where {pair.b} stands to {pair.a}"
     for shift in SHIFTS:
@@ -317,9 +351,12 @@ def _no_pairs(pair: Common, found: PairPoses, agreeing: int) -> str:
                 f"{text}; {int(fits.sum())} of {len(a)} do when {_late(pair, shift)}: {example}. The images are paired "
                 "wrongly, shifted: leave out what has no partner, or name the files so that a pair has one name"
             )
+    reflected = _reflected(pair, found, agreeing, middle)
+    if reflected is not None:
+        return f"{text}; {reflected}"
     return (
-        f"{text}: the images are paired wrongly, the board moved between the two shutters, one camera sees it from "
-        "behind or mirrored, or the cameras are not fixed to each other"
+        f"{text}: the images are paired wrongly, the board moved between the two shutters, or the cameras are not "
+        "fixed to each other"
     )
 
 

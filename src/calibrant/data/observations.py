@@ -137,6 +137,10 @@ class View:
         )  # fmt: skip
 
 
+ONE_SIZE = "one camera takes images of one size"
+"""How the reason ends for which an image of another size gives no view."""
+
+
 @dataclass(frozen=True)
 class Missed:
     """An image that gave no view, and why."""

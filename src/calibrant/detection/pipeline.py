@@ -16,6 +16,7 @@ from calibrant.arrays import Grey
 from calibrant.cancel import checkpoint
 from calibrant.data import DEFAULT_CAMERA, Missed, Observations, View
 from calibrant.data.file_names import distinct_names
+from calibrant.data.observations import ONE_SIZE
 from calibrant.detection.cache import Cache, key_of
 from calibrant.detection.detection import Detection
 from calibrant.detection.images.copies import copies_note, copies_of
@@ -42,8 +43,6 @@ MOST_TOGETHER, LEAST_TASKS = 8, 30
 least, none waits long for another at the end."""
 MIRRORED_LOOKS = 3
 """Images that are tried in the mirror when none shows the target: a camera mirrors all or none."""
-ONE_SIZE = "one camera takes images of one size"
-"""How the reason ends for which an image of another size gives no view."""
 FAINT_NOTE = "Some images show the target only after their gradient was divided out of their more than 8 bits."
 
 

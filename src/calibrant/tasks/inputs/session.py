@@ -143,7 +143,7 @@ def with_misses(result: CalibrationResult) -> CalibrationResult:
 def _size_checks(found: Observations) -> Iterator[Check]:
     """By camera, whether images were left out for their size: half of a set may be, and the rest calibrate well."""
     from calibrant.data import Check
-    from calibrant.detection.pipeline import ONE_SIZE
+    from calibrant.data.observations import ONE_SIZE
 
     for camera, (width, height) in found.image_sizes.items():
         other = [m.id for m in found.missed if m.camera == camera and m.reason.endswith(ONE_SIZE)]

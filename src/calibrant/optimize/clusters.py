@@ -43,6 +43,7 @@ import numpy as np
 from calibrant.arrays import Array, Indices
 from calibrant.errors import InputError
 from calibrant.optimize.chances import NORMAL_95, t_interval
+from calibrant.optimize.factors import Factor
 from calibrant.optimize.solution import Solution
 from calibrant.optimize.structure import SHARED
 
@@ -175,6 +176,31 @@ def influence_on_all(solution: Solution, factor: str) -> Array:
     return _influence(solution, factor, np.arange(s), np.eye(s), None)[0]
 
 
+def edge_sums(
+    solution: Solution, factor: str, asked: Sequence[tuple[str, Array]]
+) -> list[tuple[Array, Array]]:
+    """sum phi w r (m, p) and sum phi phi^T (m, p, p) over the residuals of every edge of a factor, for several unknowns.
+
+    What `influence` says of every residual, summed: an edge's J^T r and J^T J hold it, which one pass gives to all
+    unknowns. Args: asked, each shared unknown with what its phi^T is multiplied by from the left, (p, k).
+    Raises: InputError as `influence` does.
+    """
+    problem = solution.problem
+    k = problem.factor_index(factor)
+    f = problem.factors[k]
+    blocks = f.blocks(problem.gather(k, solution.values), sigma=problem.sigma(f, solution.sigmas))
+    sums = []
+    for name, onto in asked:
+        across = _across_slots(solution, f, *_columns(solution, name, 0), onto)
+        p = next(len(C[0]) for C in across if C is not None)
+        M = np.zeros((f.edges, p, blocks.g.shape[1]))
+        for columns, C in zip(blocks.pieces, across, strict=True):
+            if C is not None:
+                M[:, :, columns] = C
+        sums.append(((M @ blocks.g[:, :, None])[:, :, 0], M @ blocks.H @ np.swapaxes(M, 1, 2)))
+    return sums
+
+
 def _influence(solution: Solution, factor: str, mine: Indices, B: Array, onto: Array | None) -> tuple[Array, Array]:
     problem = solution.problem
     k = problem.factor_index(factor)
@@ -182,6 +208,12 @@ def _influence(solution: Solution, factor: str, mine: Indices, B: Array, onto: A
     weight = f.weight / problem.sigma(f, solution.sigmas)
     if not f.loss.is_plain:
         weight = weight * np.sqrt(solution.weights(factor))
+    return f.influence(_across_slots(solution, f, mine, B, onto), values, weight=weight)
+
+
+def _across_slots(solution: Solution, f: Factor, mine: Indices, B: Array, onto: Array | None) -> list[Array | None]:
+    """Covariance (m or 1, p, k) of an unknown with every slot of a factor, edge by edge, times `onto`; None for held
+    slots."""
     across: list[Array | None] = []
     for slot, instances in zip(f.variables, f.indices):
         C = _across(solution, mine, B, slot)
@@ -190,8 +222,8 @@ def _influence(solution: Solution, factor: str, mine: Indices, B: Array, onto: A
             C = C if onto is None else onto @ C
         across.append(C)
     if all(C is None for C in across):
-        raise InputError(f"all that factor {factor!r} depends on is held: its residuals move nothing")
-    return f.influence(across, values, weight=weight)
+        raise InputError(f"all that factor {f.name!r} depends on is held: its residuals move nothing")
+    return across
 
 
 def _columns(solution: Solution, name: str, index: int) -> tuple[Indices, Array]:

@@ -49,8 +49,8 @@ def shared_errors(
         cluster_scores(rows, residuals / sigma_px, labels, root=root, at=stacked.uv)
         for labels in (
             np.repeat(np.arange(len(views)), np.diff(stacked.offsets)),
-            _numbered(np.concatenate([v.point_ids for v in views])),
-            _numbered(places(stacked.uv, image_size)),
+            numbered(np.concatenate([v.point_ids for v in views])),
+            numbered(places(stacked.uv, image_size)),
         )
     ]
     shares = [float(np.trace(c.shared)) / root.shape[1] for c in clusterings]
@@ -79,7 +79,7 @@ def _sigma_of(kind: CameraModel, covariance: Array) -> dict[str, float]:
     return dict(zip(kind.parameter_names, np.sqrt(np.diag(covariance)).tolist()))
 
 
-def _numbered(labels: Indices) -> Indices:
+def numbered(labels: Indices) -> Indices:
     """Labels (N,) counted from 0 without gaps."""
     if labels.min() < 0 or labels.max() > _MANY * len(labels):
         return np.asarray(np.unique(labels, return_inverse=True)[1])

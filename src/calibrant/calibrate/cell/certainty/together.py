@@ -26,10 +26,12 @@ from calibrant.calibrate.cell.problem.groups import pictures_factor
 from calibrant.calibrate.cell.problem.layout import Frame, variable
 from calibrant.calibrate.cell.problem.problem import Cell
 from calibrant.calibrate.intrinsics.shared_errors import ROUNDING_PX
-from calibrant.optimize import cluster_kernels
 from calibrant.optimize.chances import NORMAL_95, t_interval
-from calibrant.optimize.clusters import LEAST_CLUSTERS, Clusters, corrected, influence, influence_on_all, square_root
+from calibrant.optimize.clusters import LEAST_CLUSTERS, corrected, edge_sums, influence_on_all, square_root
 from calibrant.optimize.solution import Solution
+
+_Sums = tuple[Array, Array, Array]
+"""z (n, p) and G (n, p, p) of n moments on a place, and the root (6, p) of its covariance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +54,7 @@ def moment_errors(cell: Cell, solution: Solution, *, sigma_px: float) -> MomentE
         return None
     if not cell.layout.rig:
         return _beside_robots(cell, plain, frames, moments)
-    found = [_of_place(cell, plain, f, moments) for f in frames]
+    found = [corrected(sums, G, root=root) for sums, G, root in _sums(cell, plain, frames, moments)]
     sizes = [float(np.sum(c.scores**2)) / c.scores.shape[1] for c in found]
     free = max(min(float(np.mean([c.freedom for c in found])), len(moments) - 1), LEAST_CLUSTERS - 1)
     needed = 1 + max(float(np.mean(sizes)) - 1, 0.0) * (t_interval(free) / NORMAL_95) ** 2
@@ -76,8 +78,7 @@ def _tied(cell: Cell) -> list[Frame]:
 def _beside_robots(cell: Cell, plain: Solution, frames: Sequence[Frame], moments: dict[str, int]) -> MomentErrors:
     """What moments share where robots tell of the places too."""
     squares, shares, freedoms = 0.0, 0.0, []
-    for frame in frames:
-        sums, G, root = _sums(cell, plain, frame, moments)
+    for sums, G, root in _sums(cell, plain, frames, moments):
         share = G.sum(axis=0)
         scatter = float(np.sum(G * G) + np.sum(np.einsum("gii->g", G) ** 2))
         freedoms.append(float(np.sum(share * share) + np.trace(share) ** 2) / scatter if scatter > 0 else np.inf)
@@ -100,20 +101,15 @@ def _grown(plain: Solution, solution: Solution, frame: Frame) -> float:
     return float(np.trace(inverse @ beside @ inverse.T)) / len(inverse)
 
 
-def _of_place(cell: Cell, plain: Solution, frame: Frame, moments: dict[str, int]) -> Clusters:
-    """The scores of all moments on a place."""
-    sums, G, root = _sums(cell, plain, frame, moments)
-    return corrected(sums, G, root=root)
-
-
-def _sums(cell: Cell, plain: Solution, frame: Frame, moments: dict[str, int]) -> tuple[Array, Array, Array]:
-    """z_g (n, p) and G_g (n, p, p) of all moments on a place, and the root of its covariance."""
-    root, inverse = square_root(plain.covariance(variable(frame)))
-    p = root.shape[1]
-    sums, G = np.zeros((len(moments), p)), np.zeros((len(moments), p, p))
+def _sums(cell: Cell, plain: Solution, frames: Sequence[Frame], moments: dict[str, int]) -> list[_Sums]:
+    """z_g and G_g of all moments on each place, and the root of its covariance."""
+    roots = [square_root(plain.covariance(variable(frame))) for frame in frames]
+    sizes = [root.shape[1] for root, _ in roots]
+    found = [(np.zeros((len(moments), p)), np.zeros((len(moments), p, p))) for p in sizes]
+    asked = [(variable(frame), inverse) for frame, (_, inverse) in zip(frames, roots, strict=True)]
     for i in _by_hand(cell):
-        views = cell.used_views(i)
-        rows, residuals = influence(plain, pictures_factor(i), variable(frame), onto=inverse)
-        labels = np.repeat([moments[m] for m in cell.used_ids(i)], [len(v) for v in views]).astype(np.int64)
-        cluster_kernels.add_rows(rows, residuals, labels, sums, G)
-    return sums, G, root
+        at = [moments[m] for m in cell.used_ids(i)]
+        for (sums, G), (z, square) in zip(found, edge_sums(plain, pictures_factor(i), asked), strict=True):
+            np.add.at(sums, at, z)
+            np.add.at(G, at, square)
+    return [(sums, G, root) for (sums, G), (root, _) in zip(found, roots, strict=True)]

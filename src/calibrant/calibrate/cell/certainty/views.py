@@ -7,14 +7,14 @@ own share of errors that all points of a view have is in the noise level of the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from calibrant.arrays import Array, Indices
 from calibrant.calibrate.cell.problem.groups import extra_variable, lens_variable, pictures_factor, robot_groups
 from calibrant.calibrate.cell.problem.problem import Cell
-from calibrant.calibrate.intrinsics.shared_errors import ROUNDING_PX
+from calibrant.calibrate.intrinsics.shared_errors import ROUNDING_PX, numbered
 from calibrant.calibrate.review.residuals import places
 from calibrant.data import View
 from calibrant.optimize import cluster_kernels
@@ -28,8 +28,8 @@ from calibrant.optimize.clusters import (
 )
 from calibrant.optimize.solution import Solution
 
-Label = Callable[[str, View], Iterator[object]]
-"""(name of the moment, view) -> the cluster of each of its points."""
+Label = Callable[[Sequence[View]], Indices]
+"""Views -> the number (N,) of the cluster of each of their points, laid end to end."""
 
 
 Edge = tuple[str, View | None]
@@ -51,16 +51,12 @@ def lens_shares(cell: Cell, solution: Solution, camera: str, *, sigma_px: float)
     root, inverse = square_root(C)
     rows = list(_rows(cell, plain, camera, inverse))
     size = cell.roles[camera].camera.image_size
-    labels = (_by_view, _by_point, lambda moment, v: iter(places(v.uv, size).tolist()))
+    labels: tuple[Label | None, ...] = (
+        None,
+        lambda views: np.concatenate([v.point_ids for v in views]),
+        lambda views: places(np.concatenate([v.uv for v in views]), size),
+    )
     return clustered_covariance(np.zeros_like(C), [_clusters(rows, label, root) for label in labels])
-
-
-def _by_view(moment: str, view: View) -> Iterator[object]:
-    return iter([moment] * len(view))
-
-
-def _by_point(moment: str, view: View) -> Iterator[object]:
-    return iter(view.point_ids.tolist())
 
 
 def _rows(cell: Cell, solution: Solution, camera: str, onto: Array) -> Iterator[_Rows]:
@@ -81,22 +77,26 @@ def _rows(cell: Cell, solution: Solution, camera: str, onto: Array) -> Iterator[
                 yield *influence(solution, group, lens, onto=onto), edges
 
 
-def _clusters(rows: list[_Rows], label: Label, root: Array) -> Clusters:
-    """The clusters of all rows; a pose alone is one by its moment."""
-    number: dict[object, int] = {}
-    labels: list[Indices] = []
-    for _, _, edges in rows:
-        names: list[object] = []
-        for moment, view in edges:
-            names += [moment] if view is None else label(moment, view)
-        labels.append(np.array([number.setdefault(n, len(number)) for n in names], dtype=np.int64))
+def _clusters(rows: list[_Rows], label: Label | None, root: Array) -> Clusters:
+    """The clusters of all rows, by moment where there is no label; a pose alone is one by its moment."""
+    number: dict[str, int] = {}
+    at = [np.array([number.setdefault(m, len(number)) for m, _ in edges], dtype=np.int64) for _, _, edges in rows]
+    parts: list[Indices] = []
+    for (_, _, edges), mine in zip(rows, at, strict=True):
+        views = [v for _, v in edges if v is not None]  # of all edges, or of none
+        if label is None:
+            parts.append(np.repeat(mine, [len(v) for v in views]) if views else mine)
+        else:
+            parts.append(label(views) + len(number) if views else mine)
+    labels = np.split(numbered(np.concatenate(parts)), np.cumsum([len(part) for part in parts])[:-1])
+    count = 1 + max(int(mine.max()) for mine in labels)
     p = root.shape[1]
-    sums, G = np.zeros((len(number), p)), np.zeros((len(number), p, p))
+    sums, G = np.zeros((count, p)), np.zeros((count, p, p))
     alike = np.zeros((p, p))
     for (influences, residuals, edges), mine in zip(rows, labels):
         J = np.ascontiguousarray(influences)
         cluster_kernels.add_rows(J, np.ascontiguousarray(residuals), mine, sums, G)
         seen = [v.uv for _, v in edges if v is not None]
         if seen:
-            alike += alike_by_place(J, mine, np.concatenate(seen), len(number))
+            alike += alike_by_place(J, mine, np.concatenate(seen), count)
     return corrected(sums, G, root=root, alike=alike)

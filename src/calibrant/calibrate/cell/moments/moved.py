@@ -51,15 +51,17 @@ def move_between(d: Array, C: Array, L: Array) -> Move | None:
     n = len(d)
     if n < 2 * LEAST_GROUP + 1:
         return None
-    W, Wd = _weights(d, C, L)
-    # Of the moments from k on: blocks of W summed over rows and columns.
-    rows = np.cumsum(W.sum(axis=1)[::-1], axis=0)[::-1]  # (n, 6, 6), rows >= k against all
-    corner = np.cumsum(np.cumsum(W[::-1, ::-1], axis=0), axis=1)[::-1, ::-1]
-    right = np.cumsum(Wd[::-1], axis=0)[::-1]
+    own, WL, less = _weights(C, L)
+    # Of the moments from k on, blocks of Sigma^-1 summed over rows and columns: n^2 of them are never laid out.
+    after, late = _onwards(own), _onwards(WL)
+    rows = after - late @ less @ late[0].T  # (n, 6, 6), rows >= k against all
+    corner = after - late @ less @ np.swapaxes(late, 1, 2)
+    Wd = (own @ d[:, :, None])[:, :, 0] - WL @ (less @ np.einsum("nip,ni->p", WL, d))
+    right = _onwards(Wd)
     total = float(np.einsum("ni,ni->", d, Wd))
     at = np.arange(LEAST_GROUP, n - LEAST_GROUP + 1)
     H = np.empty((len(at), 12, 12))
-    H[:, :6, :6], H[:, 6:, :6], H[:, 6:, 6:] = rows[0], rows[at], corner[at, at]
+    H[:, :6, :6], H[:, 6:, :6], H[:, 6:, 6:] = rows[0], rows[at], corner[at]
     H[:, :6, 6:] = np.swapaxes(rows[at], 1, 2)
     g = np.concatenate([np.broadcast_to(right[0], (len(at), 6)), right[at]], axis=1)
     inverse = np.linalg.pinv(H, rcond=1e-13, hermitian=True)
@@ -85,12 +87,13 @@ def _in_a_row(d: Array, C: Array, found: Array, k: int) -> float:
     return (1 + max(r, 0.0)) / (1 - min(max(r, 0.0), MOST_ALIKE))
 
 
-def _weights(d: Array, C: Array, L: Array) -> tuple[Array, Array]:
-    """Sigma^-1 as blocks (n, n, 6, 6), and its product with d (n, 6): Woodbury's, of rank p."""
-    n, p = len(d), L.shape[2]
+def _onwards(values: Array) -> Array:
+    """Sums (n, …) of values (n, …) from each on."""
+    return np.cumsum(values[::-1], axis=0)[::-1]
+
+
+def _weights(C: Array, L: Array) -> tuple[Array, Array, Array]:
+    """Sigma^-1 = diag(own) - (own L) less (own L)^T, Woodbury's: own (n, 6, 6), own L (n, 6, p) and less (p, p)."""
     own = np.linalg.inv(C)
     WL = own @ L
-    inner = np.linalg.inv(np.eye(p) + np.einsum("nip,niq->pq", L, WL))
-    W = -np.einsum("nip,pq,mjq->nmij", WL, inner, WL, optimize=True)
-    W[np.arange(n), np.arange(n)] += own
-    return W, np.einsum("nmij,mj->ni", W, d)
+    return own, WL, np.linalg.inv(np.eye(L.shape[2]) + np.einsum("nip,niq->pq", L, WL))

@@ -15,10 +15,13 @@ from calibrant.optimize.clusters import (
     cluster_scores,
     clustered_covariance,
     corrected,
+    edge_sums,
     influence,
     square_root,
 )
 from calibrant.optimize.factors import Factor
+from calibrant.optimize.levenberg_marquardt import solve
+from calibrant.optimize.losses import cauchy
 from calibrant.simulate.scenes import intrinsics_scene
 
 
@@ -56,6 +59,22 @@ def test_the_compiled_influence_is_that_of_the_jacobians() -> None:
     compiled = factor.influence(across, values, weight=weight)
     for ours, plain in zip(compiled, Factor.influence(factor, across, values, weight=weight), strict=True):
         assert ours == pytest.approx(plain, abs=1e-9 * np.abs(plain).max())
+
+
+@pytest.mark.parametrize("robust", [False, True])
+def test_the_sums_of_an_edge_are_those_of_its_residuals(robust: bool) -> None:
+    kept = calibrate_keeping(_scene().observations)
+    solution = kept.solution
+    if robust:
+        problem = solution.problem
+        factors = tuple(f.with_loss(cauchy(0.5)) for f in problem.factors)
+        solution = solve(replace(problem, factors=factors), sigmas={"pixel": 0.1})
+    _, inverse = square_root(solution.covariance("camera"))
+    phi, residuals = influence(solution, "reprojection", "camera", onto=inverse)
+    ((sums, squares),) = edge_sums(solution, "reprojection", [("camera", inverse)])
+    first = kept.stacked.offsets[:-1]
+    assert sums == pytest.approx(np.add.reduceat(np.einsum("ndp,nd->np", phi, residuals), first), abs=1e-9)
+    assert squares == pytest.approx(np.add.reduceat(np.einsum("ndp,ndq->npq", phi, phi), first), abs=1e-9)
 
 
 def test_an_unknown_that_is_held_has_no_influence() -> None:

@@ -22,16 +22,14 @@ def add_rows(rows, e, labels, z, G):  # type: ignore[no-untyped-def]
     N, d, p = rows.shape
     for i in range(N):
         g = labels[i]
+        # Both triangles: a row as long as the next is taken several entries at a time.
         for h in range(d):
+            J, r = rows[i, h], e[i, h]
             for a in range(p):
-                x = rows[i, h, a]
-                z[g, a] += x * e[i, h]
-                for b in range(a + 1):
-                    G[g, a, b] += x * rows[i, h, b]
-    for g in range(G.shape[0]):
-        for a in range(p):
-            for b in range(a):
-                G[g, b, a] = G[g, a, b]
+                x, row = J[a], G[g, a]
+                z[g, a] += x * r
+                for b in range(p):
+                    row[b] += x * J[b]
 
 
 @compiled(types.void(_c2, _c3, _f2, _f2, _b1))

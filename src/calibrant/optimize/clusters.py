@@ -176,9 +176,7 @@ def influence_on_all(solution: Solution, factor: str) -> Array:
     return _influence(solution, factor, np.arange(s), np.eye(s), None)[0]
 
 
-def edge_sums(
-    solution: Solution, factor: str, asked: Sequence[tuple[str, Array]]
-) -> list[tuple[Array, Array]]:
+def edge_sums(solution: Solution, factor: str, asked: Sequence[tuple[str, Array]]) -> list[tuple[Array, Array]]:
     """sum phi w r (m, p) and sum phi phi^T (m, p, p) over the residuals of every edge of a factor, for several unknowns.
 
     What `influence` says of every residual, summed: an edge's J^T r and J^T J hold it, which one pass gives to all

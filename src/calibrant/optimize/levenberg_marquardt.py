@@ -47,6 +47,8 @@ class SolverOptions:
     initial_damping: float = 1e-4
 
 
+CLOSE_ENOUGH = SolverOptions(cost_tolerance=1e-7)
+"""A fit this close to its end is off by 1e-3 of its own sigma (cost of n residuals, n up to 1e5)."""
 MAX_DAMPING = 1e16
 """At this damping a step is 1e-16 of the gradient step: nothing that rounding would not swallow."""
 

@@ -28,15 +28,13 @@ from calibrant.cancel import checkpoint
 from calibrant.data import View
 from calibrant.geometry import se3
 from calibrant.optimize import linear
-from calibrant.optimize.levenberg_marquardt import SolverOptions, solve
+from calibrant.optimize.levenberg_marquardt import CLOSE_ENOUGH, solve
 from calibrant.optimize.problem import Problem, Values
 from calibrant.optimize.solution import Solution
 
 ALONE = 30
 GROUPS = 10
 """A tenth less data changes the errors of more than thirty poses by a twentieth at most: no need to go one by one."""
-CLOSE_ENOUGH = SolverOptions(cost_tolerance=1e-7)
-"""A fit this close to its end is off by 1e-3 of its own sigma (cost of n residuals, n up to 1e5)."""
 NEAR = 5.0
 """Decrease of the cost, half of the squared distance in sigmas: within three sigma the problem is as good as linear, as
 a sigma is thousandths of the distances and angles that it is bent by."""

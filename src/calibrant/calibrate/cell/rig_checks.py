@@ -15,12 +15,12 @@ from calibrant.arrays import Array, Mask
 from calibrant.calibrate.cell import checks as questions
 from calibrant.calibrate.cell.clocks import clocks_found, suspected_clocks
 from calibrant.calibrate.cell.fitted import fitted_places
-from calibrant.calibrate.cell.held_out import CLOSE_ENOUGH, nearest_start
+from calibrant.calibrate.cell.held_out import nearest_start
 from calibrant.calibrate.cell.noise_figures import pooled
 from calibrant.calibrate.cell.problem.groups import pictures_factor
 from calibrant.calibrate.cell.problem.layout import Frame, variable
 from calibrant.calibrate.cell.problem.problem import Cell, cell_problem, moments_by_hand
-from calibrant.calibrate.cell.refine import refined
+from calibrant.calibrate.cell.refine import NEARLY_UNDAMPED, refined
 from calibrant.calibrate.cell.starts.cell import LEVEL_START, CellStart
 from calibrant.calibrate.cell.starts.handheld import fewest, handheld_start
 from calibrant.calibrate.reprojection.in_fit import seen_in_fit
@@ -29,13 +29,15 @@ from calibrant.data.details import SharedMoments
 from calibrant.errors import CalibrantError
 from calibrant.geometry import se3
 from calibrant.optimize.chances import CHI2_6_LIMIT
-from calibrant.optimize.levenberg_marquardt import solve
+from calibrant.optimize.levenberg_marquardt import CLOSE_ENOUGH, solve
 from calibrant.optimize.manifolds import SE3, Euclidean, Manifold
 from calibrant.optimize.noise import NoiseEstimate
 from calibrant.optimize.problem import Problem
 from calibrant.optimize.solution import Solution
 
 TENTH = 10
+FROM_WHOLE = replace(CLOSE_ENOUGH, initial_damping=NEARLY_UNDAMPED.initial_damping)
+"""The fit of all is a step from that without a tenth."""
 HELD_OUT, FITTED = "held-out RMS", "RMS there in the fit"
 
 
@@ -154,7 +156,7 @@ def held_out_moments(cell: Cell, fit: Solution) -> Mapping[str, Measured]:
         return {}  # a camera or a target that only these moments show
     rest = cell.kept([~gone for gone in masks])
     problem = cell_problem(rest, _places(rest, cell, fit), fit.sigmas)
-    solved = solve(problem, start=nearest_start(problem, fit), options=CLOSE_ENOUGH)
+    solved = solve(problem, start=nearest_start(problem, fit), options=FROM_WHOLE)
     left = cell.kept(masks)
     used = [gone[d.use] for gone, d in zip(masks, cell.data)]
     there = {v.name: value for v, value in zip(solved.problem.variables, solved.values)}

@@ -15,7 +15,7 @@ import numpy as np
 
 from calibrant.calibrate.cell.certainty.given_lens import freed_role
 from calibrant.calibrate.cell.fitted import fitted_places, mounting, robot_side
-from calibrant.calibrate.cell.held_out import CLOSE_ENOUGH, nearest_start
+from calibrant.calibrate.cell.held_out import nearest_start
 from calibrant.calibrate.cell.loop.image_poses import ImagePoses, image_poses
 from calibrant.calibrate.cell.loop.noise import LoopNoise
 from calibrant.calibrate.cell.loop.target_size import target_size

@@ -24,10 +24,11 @@ from calibrant.cameras import Camera
 from calibrant.data import View
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
-from calibrant.optimize.levenberg_marquardt import solve
+from calibrant.optimize.levenberg_marquardt import CLOSE_ENOUGH, SolverOptions, solve
 from calibrant.optimize.losses import Loss
 from calibrant.optimize.manifolds import SE3, Variable, vector
 from calibrant.optimize.problem import Problem
+from calibrant.optimize.solution import Solution
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +107,7 @@ def poses_from(camera: Camera, views: Sequence[View], start: Array) -> Array:
 
     Raises: InputError for a start at which the camera does not see a point.
     """
-    return _refined_poses(camera, stack(views), start, None, 1.0)[0]
+    return _refined(camera, stack(views), start, None, 1.0, CLOSE_ENOUGH).value("T_camera_target")
 
 
 def _starts(views: StackedViews, rays: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
@@ -126,6 +127,20 @@ def _refined_poses(
     camera: Camera, views: StackedViews, start: Array, loss: Loss | None, sigma: float
 ) -> tuple[Array, Array, Array]:
     """Poses, covariances for noise `sigma` and rms of independent views."""
+    solution = _refined(camera, views, start, loss, sigma)
+    squares = np.sum(solution.residuals("reprojection") ** 2, axis=1)
+    rms = np.sqrt(np.add.reduceat(squares, views.offsets[:-1]) / np.diff(views.offsets))
+    return solution.value("T_camera_target"), solution.covariances("T_camera_target"), rms
+
+
+def _refined(
+    camera: Camera,
+    views: StackedViews,
+    start: Array,
+    loss: Loss | None,
+    sigma: float,
+    options: SolverOptions | None = None,
+) -> Solution:
     m = len(start)
     factor = ReprojectionFactor(
         "reprojection",
@@ -137,10 +152,7 @@ def _refined_poses(
     )
     held = vector("camera", camera.values, camera.model.parameter_names, held=camera.model.parameter_names)
     problem = Problem((Variable("T_camera_target", SE3(), start), held), (factor,), {"pixel": sigma})
-    solution = solve(problem)
-    squares = np.sum(solution.residuals("reprojection") ** 2, axis=1)
-    rms = np.sqrt(np.add.reduceat(squares, views.offsets[:-1]) / np.diff(views.offsets))
-    return solution.value("T_camera_target"), solution.covariances("T_camera_target"), rms
+    return solve(problem, options=options)
 
 
 def _hidden(camera: Camera, T_camera_target: Array, views: StackedViews) -> NDArray[np.bool_]:

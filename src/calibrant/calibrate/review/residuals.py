@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.arrays import Array, Indices
-from calibrant.calibrate.reprojection.outliers import median
 from calibrant.calibrate.review.target_points import target_points
 from calibrant.data import CalibrationResult, Check, View
 from calibrant.errors import InputError
@@ -198,7 +197,7 @@ def structure_of(views: tuple[ViewResiduals, ...], *, image_size: tuple[int, int
 
     Args: views of one camera; image_size (width, height) px.
     """
-    kept = [_standardised(v) for v in views if v.used and len(v.uv) >= 3]
+    kept = _standardised([v for v in views if v.used and len(v.uv) >= 3])
     count = sum(len(uv) for uv, _ in kept)
     if count < _LEAST_POINTS:
         return Structure(count)
@@ -235,16 +234,24 @@ def _rms_of_residuals(residuals: Array) -> float:
     return float(np.sqrt(np.vdot(residuals, residuals) / len(residuals))) if len(residuals) else float("nan")
 
 
-def _standardised(view: ViewResiduals) -> tuple[Array, Array]:
-    """Pixels and residuals over the view's noise per axis (from the median, so that outliers do not set it)."""
-    squared = np.einsum("ni,ni->n", view.residuals, view.residuals)
-    # The squared length of a 2D Gaussian has the median 2 ln 2 sigma^2.
-    sigma = max(float(np.sqrt(median(squared) / (2 * np.log(2)))), np.finfo(float).tiny)
-    keep = squared < (_OUTLIER_SIGMAS * sigma) ** 2
-    uv, e = view.uv, view.residuals
-    if not keep.all():
-        uv, e = uv[keep], e[keep]
-    return uv, e / max(_rms_of_residuals(e) / np.sqrt(2), np.finfo(float).tiny)
+def _standardised(views: Sequence[ViewResiduals]) -> list[tuple[Array, Array]]:
+    """Pixels and residuals of each view over its noise per axis (from the median, so that outliers do not set it)."""
+    out: list[tuple[Array, Array]] = []
+    # Views of as many points together: NumPy's calls for one take longer than its numbers.
+    for _, alike in groupby(views, lambda v: len(v.uv)):
+        several = list(alike)
+        r = np.stack([v.residuals for v in several])
+        squared = np.einsum("mni,mni->mn", r, r)
+        # The squared length of a 2D Gaussian has the median 2 ln 2 sigma^2.
+        sigma = np.maximum(np.sqrt(np.median(squared, axis=1) / (2 * np.log(2))), np.finfo(float).tiny)
+        keep = squared < np.square(_OUTLIER_SIGMAS * sigma)[:, None]
+        mean = np.sum(squared, axis=1, where=keep) / np.maximum(keep.sum(axis=1), 1)
+        e = r / np.maximum(np.sqrt(mean / 2), np.finfo(float).tiny)[:, None, None]
+        whole = keep.all(axis=1)
+        out += [
+            (v.uv, mine) if all_ else (v.uv[k], mine[k]) for v, mine, k, all_ in zip(several, e, keep, whole.tolist())
+        ]
+    return out
 
 
 def places(uv: Array, image_size: tuple[int, int]) -> Indices:

@@ -203,3 +203,30 @@ def test_moves_are_claimed_as_often_as_said() -> None:
         assert move is not None
         assert move.first == n // 2
     assert claims <= 3  # 0.2 expected at most
+
+
+def test_a_move_is_that_of_the_whole_covariance() -> None:
+    """Step and what it explains, against least squares with the covariance of all moments laid out."""
+    rng = np.random.default_rng(9)
+    n, k, p = 9, 5, 3
+    C = np.stack([(A := rng.normal(size=(6, 6))) @ A.T + 0.1 * np.eye(6) for _ in range(n)])
+    L = rng.normal(size=(n, 6, p))
+    d = np.einsum("nij,nj->ni", np.linalg.cholesky(C), rng.normal(size=(n, 6))) + L @ rng.normal(size=p)
+    d[k:] += 100 * rng.normal(size=6)
+    rows = L.reshape(6 * n, p)
+    whole = rows @ rows.T
+    for m in range(n):
+        whole[6 * m : 6 * m + 6, 6 * m : 6 * m + 6] += C[m]
+    weight = np.linalg.inv(whole)
+    A = np.zeros((n, 6, 12))
+    A[:, :, :6] = np.eye(6)
+    A[k:, :, 6:] = np.eye(6)
+    A = A.reshape(6 * n, 12)
+    V = np.linalg.inv(A.T @ weight @ A)
+    found = V @ (A.T @ weight @ d.ravel())
+    move = move_between(d, C, L)
+    assert move is not None
+    assert move.first == k
+    np.testing.assert_allclose(move.step, found[6:], rtol=1e-7)
+    assert move.z == pytest.approx(found[6:] @ np.linalg.solve(V[6:, 6:], found[6:]), rel=1e-7)
+    assert move.total == pytest.approx(d.ravel() @ weight @ d.ravel(), rel=1e-7)

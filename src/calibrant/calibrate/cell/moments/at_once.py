@@ -21,6 +21,7 @@ from calibrant.calibrate.cell.moments.moved import Move, move_between
 from calibrant.calibrate.cell.moments.reflected import BEHIND, reflections
 from calibrant.calibrate.cell.moments.sightings import (
     Common,
+    Sighting,
     pose_errors,
     poses,
     relative,
@@ -52,6 +53,9 @@ PAIRED = 0.25
 them that do to a quarter at most."""
 SHIFTS = (1, -1, 2, -2, 3, -3)
 _LISTED = 4
+_Key = tuple[str, tuple[Sighting, ...]]
+_Errors = tuple[Array, Array]
+"""C and L of a camera's sightings (`sightings.pose_errors`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,16 +102,23 @@ class PairPoses:
 
 
 def pair_poses(
-    pair: Common, data: Sequence[HandEyeViews], roles: Mapping[str, CameraRole], times: Mapping[str, float]
+    pair: Common,
+    data: Sequence[HandEyeViews],
+    roles: Mapping[str, CameraRole],
+    times: Mapping[str, float],
+    known: dict[_Key, _Errors],
 ) -> PairPoses:
     """The poses of a pair's views, each with what its noise, its lens and, where times are known, its clock leave
-    uncertain."""
+    uncertain. known: what such sightings of these data are off by, as far as it was asked; most pairs have one camera.
+    """
     T, C, L, views = [], [], [], []
     for name, seen in ((pair.a, pair.seen_a), (pair.b, pair.seen_b)):
         T.append(poses(data, seen))
         views.append([view_of(data, s) for s in seen])
-        sigma = np.array([data[s.list].sigma_px for s in seen])
-        by_noise, by_lens = pose_errors(roles[name].camera, views[-1], T[-1], sigma)
+        if (name, seen) not in known:
+            sigma = np.array([data[s.list].sigma_px for s in seen])
+            known[name, seen] = pose_errors(roles[name].camera, views[-1], T[-1], sigma)
+        by_noise, by_lens = known[name, seen]
         C.append(by_noise)
         L.append(by_lens)
     by_jitter, late = swept([data[s.list].ids[s.row] for s in pair.seen_b], T[1], times)
@@ -164,16 +175,17 @@ def seen_at_once(
     Raises: RefusedError where cameras moved against each other, or most of the pairs are none.
     """
     out, own, checks = list(data), dict(roles), list[Check]()
-    by_time = bool(times)
+    by_time, known = bool(times), dict[_Key, _Errors]()
     if not any(p.handheld for p in where.pictures):
         return tuple(out), own, ()
     for pair in trees(where, data):
         # Lenses that are found in the whole alone put no board anywhere before it.
         if len(pair) < LEAST or any(own[n].weak is not None for n in (pair.a, pair.b) if n in own):
             continue
-        found = pair_poses(pair, out, own, times)
+        found = pair_poses(pair, out, own, times, known)
         D = robust_mean(found.D)
         if apart(found, D).any():
+            known.clear()  # of other poses and lenses
             found = _other_branches(pair, found, D, out, own, times)
             D = robust_mean(found.D)
         wrong = apart(found, D)
@@ -229,7 +241,7 @@ def _other_branches(
             changed = True
     if not changed:
         return found
-    turned = pair_poses(pair, out, roles, times)
+    turned = pair_poses(pair, out, roles, times, {})
     still = apart(turned, D)
     for k in np.flatnonzero(still & apart(found, D)).tolist():
         # Neither pose agrees: the views are as they were.
@@ -237,7 +249,7 @@ def _other_branches(
             B = out[s.list].B.copy()
             B[s.row] = before[s.list].B[s.row]
             out[s.list] = replace(out[s.list], B=B)
-    return pair_poses(pair, out, roles, times)
+    return pair_poses(pair, out, roles, times, {})
 
 
 def _left_out(

@@ -67,10 +67,12 @@ class _Placed:
         self.seen_by.clear()
         for s in seen:
             if s.camera in self.cameras and s.target in self.targets:
-                back = se3.inverse(self.targets[s.target])
-                for moment, T in s.poses.items():
-                    # One camera's word is start enough: they differ by less than a step of the refinement.
-                    self.carriers.setdefault(moment, self.cameras[s.camera] @ T @ back)
+                # One camera's word is start enough: they differ by less than a step of the refinement.
+                new = [m for m in s.poses if m not in self.carriers]
+                if new:
+                    back, T = se3.inverse(self.targets[s.target]), np.stack([s.poses[m] for m in new])
+                    self.carriers |= zip(new, self.cameras[s.camera] @ T @ back, strict=True)
+                for moment in s.poses:
                     self.seen_by.setdefault(moment, []).append(s.camera)
 
     def shared(self, s: _Seen) -> list[Moment]:
@@ -130,9 +132,10 @@ def _place(placed: _Placed, best: _Seen, same: Sequence[_Seen], tree: list[Camer
     """Place the camera or the target of what is tied best; a camera by all targets that say where it is."""
     if best.target in placed.targets:
         mine = [s for s in same if s.camera == best.camera]
-        T = np.stack([placed.carriers[m] @ placed.targets[s.target] @ se3.inverse(s.poses[m])
-                      for s in mine for m in placed.shared(s)])  # fmt: skip
-        placed.cameras[best.camera] = robust_mean(T)
+        told = [(s, placed.shared(s)) for s in mine]
+        T = [np.stack([placed.carriers[m] for m in moments]) @ placed.targets[s.target]
+             @ se3.inverse(np.stack([s.poses[m] for m in moments])) for s, moments in told if moments]  # fmt: skip
+        placed.cameras[best.camera] = robust_mean(np.concatenate(T))
         _note(placed, best.camera, [m for s in mine for m in placed.shared(s)], tree)
         return
     moments = placed.shared(best)

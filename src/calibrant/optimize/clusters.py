@@ -177,7 +177,7 @@ def influence_on_all(solution: Solution, factor: str) -> Array:
 
 
 def edge_sums(solution: Solution, factor: str, asked: Sequence[tuple[str, Array]]) -> list[tuple[Array, Array]]:
-    """sum phi w r (m, p) and sum phi phi^T (m, p, p) over the residuals of every edge of a factor, for several unknowns.
+    """sum phi w r (m, p) and sum phi phi^T (m, p, p) over the residuals of every edge of a factor, by unknown.
 
     What `influence` says of every residual, summed: an edge's J^T r and J^T J hold it, which one pass gives to all
     unknowns. Args: asked, each shared unknown with what its phi^T is multiplied by from the left, (p, k).

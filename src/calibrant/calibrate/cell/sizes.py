@@ -25,7 +25,7 @@ from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.calibrate.solvers.setup import get_setup
 from calibrant.cancel import checkpoint
 from calibrant.data import Measured
-from calibrant.optimize.levenberg_marquardt import solve
+from calibrant.optimize.levenberg_marquardt import CLOSE_ENOUGH, solve
 from calibrant.optimize.solution import Solution
 
 

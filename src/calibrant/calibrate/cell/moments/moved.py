@@ -94,6 +94,6 @@ def _onwards(values: Array) -> Array:
 
 def _weights(C: Array, L: Array) -> tuple[Array, Array, Array]:
     """Sigma^-1 = diag(own) - (own L) less (own L)^T, Woodbury's: own (n, 6, 6), own L (n, 6, p) and less (p, p)."""
-    own = np.linalg.inv(C)
+    own: Array = np.asarray(np.linalg.inv(C), dtype=np.float64)
     WL = own @ L
     return own, WL, np.linalg.inv(np.eye(L.shape[2]) + np.einsum("nip,niq->pq", L, WL))

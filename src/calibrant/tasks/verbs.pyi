@@ -127,6 +127,7 @@ def rig(
     time_offsets: bool = False,
     readout: bool = False,
     fps: float | None = None,
+    times: str | Path | None = None,
     mirror: Words = (),
     exclude: Words = (),
     workers: str | int | None = None,

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import calibrant as cb
+from calibrant.calibrate.cell import rig
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult
 from calibrant.data.details import SharedMoments
@@ -91,6 +93,37 @@ def test_cameras_that_nothing_ties_are_named_with_the_pair_to_take(tmp_path: Pat
     late = photos(tmp_path, without={"left": (5, 6, 7, 8, 9), "top": (5, 6, 7, 8, 9), "right": (0, 1, 2, 3, 4)})
     with pytest.raises(RefusedError, match=r"right saw .* take pictures in which (left|top) and right both see"):
         cb.rig(images=late, target=BOARD, fix=["k3", "k2", "tangential"])
+
+
+def test_the_times_of_pictures_come_from_a_table(
+    images: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    late = {"right": 0.02, "top": -0.01, "left": 0.0}
+    rows = [f"{name},{k:02d}.png,{0.5 * k + s:.3f}" for k in range(FRAMES) for name, s in late.items()]
+    (tmp_path / "times.csv").write_text("\n".join(("Camera,Image,Time", *rows)))
+    given: list[Mapping[str, Mapping[str, float]]] = []
+
+    def without_times(
+        *seen: object, times: Mapping[str, Mapping[str, float]], calibrate: Any = rig.calibrate_rig, **options: object
+    ) -> CalibrationResult:
+        given.append(times)
+        found: CalibrationResult = calibrate(*seen, **options)  # the boards of these pictures jump
+        return found
+
+    monkeypatch.setattr(rig, "calibrate_rig", without_times)
+    options = {"target": BOARD, "model": ["top:kannala_brandt"], "fix": ["k3"], "times": tmp_path / "times.csv"}
+    result = cb.rig(images=images, exclude=["07.png"], **options)  # type: ignore[arg-type]
+    assert list(given[0]) == list(images)
+    for name, s in late.items():
+        mine = {f"{k:02d}": 0.01 + 0.5 * k + s for k in range(FRAMES) if k != 7}
+        assert given[0][name] == pytest.approx(mine)
+    assert result.check("times").message == "times of times.csv: cameras by name, pictures by name"
+    assert result.inputs[-1]["file"] == str(tmp_path / "times.csv")
+    (tmp_path / "times.csv").write_text("\n".join(("camera,image,time", *rows[:-1])))
+    with pytest.raises(InputError, match=r"no time of 09[.]png of camera left \("):
+        cb.rig(images=images, **options)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="leave out fps"):
+        cb.rig(images=images, fps=10.0, **options)  # type: ignore[arg-type]
 
 
 def test_what_contradicts_itself_is_named(images: dict[str, str]) -> None:

@@ -32,9 +32,9 @@ def frames(video: Path, every: int | None = None) -> list[Path]:
     Raises: InputError when the video cannot be read, or holds no frame.
     """
     if every == 1:
-        return [_name(video, i) for i in range(_count(video))]
+        return [_name(video, i) for i in range(frame_count(video))]
     if every is None:
-        every = max(1, -(-_count(video) // MOST_FRAMES))
+        every = max(1, -(-frame_count(video) // MOST_FRAMES))
         if every == 1:
             return frames(video, 1)
     capture = _opened(video)
@@ -58,7 +58,7 @@ def frames_together(videos: Sequence[Path], every: int | None = None) -> list[li
     Of every `every` in turn the one is taken whose least sharp picture is the sharpest, each beside its own video.
     Raises: InputError when a video cannot be read, or holds no frame.
     """
-    count = min(map(_count, videos))
+    count = min(map(frame_count, videos))
     every = max(1, -(-count // MOST_FRAMES)) if every is None else every
     numbers = list(range(count))
     if every > 1:
@@ -128,7 +128,7 @@ def _sharpnesses(video: Path, count: int) -> list[float]:
 
 
 @lru_cache(maxsize=16)
-def _count(video: Path) -> int:
+def frame_count(video: Path) -> int:
     """How many frames can be decoded; what the file says of itself is not always so."""
     capture = _opened(video)
     count = 0

@@ -82,4 +82,4 @@ def _value(value: float | None, sigma: float | None) -> str:
     return with_sigma(value, sigma) if sigma is not None else plain(value, digits=3)
 
 
-KIND = Kind("Rig calibration", _headline, _answer, _facts, tables=_tables, said=("matching",))
+KIND = Kind("Rig calibration", _headline, _answer, _facts, tables=_tables, said=("matching", "times"))

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from calibrant.data import CalibrationResult, Observations
 
 V = TypeVar("V")
+ByMoment = Mapping[str, float] | Mapping[str, Mapping[str, float]]
 EXAMPLE = (
     'cb.rig(images={"left": "left.mp4", "top": "top.mp4", "right": "right.mp4"}, '
     'target="charuco:5x7:36mm:18mm:DICT_6X6_250")'
@@ -76,6 +77,8 @@ class Request:
     """Find the time between the first and the last row of each camera's pictures (rolling shutter)."""
     fps: Annotated[float | None, Option("RATE")] = None
     """Pictures a second, of numbered images, or of videos that state another rate."""
+    times: Annotated[Path | None, Option("FILE")] = None
+    """CSV of when each picture was taken: camera, image (or its number, frame) and time, seconds, a row each."""
     search: RigSearchOptions = RigSearchOptions()
     corners: CornerOptions = CornerOptions()
 
@@ -111,6 +114,8 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
         result = replace(result, options={**result.options, "mirror_x": list(mirrored)})
     if pictures.matched:
         result = replace(result, checks=(Check("matching", "ok", pictures.matched), *result.checks))
+    if pictures.own_times is not None:
+        result = replace(result, checks=(Check("times", "ok", pictures.own_times.words), *result.checks))
     result = replace(result, inputs=session.file_records(_inputs(request, pictures)))
     result = session.with_misses(result)
     refuse_if_failed(result)
@@ -124,6 +129,11 @@ def _pictures(request: Request, listener: Listener) -> RigPictures:
     if (file is None) == (not images):
         what = "give --images or --observations FILE, not both" if images else "no images: --images NAME=IMAGES"
         raise InputError(f"{what}; a rig takes those of two cameras or more")
+    if request.times is not None and (file is not None or request.fps is not None):
+        other = (
+            "--observations, whose points have no pictures" if file is not None else "--fps, which tells other times"
+        )
+        raise InputError(f"--times says when each image was taken: leave out {other}")
     if file is None and len(images) < 2 and not request.rigid:
         raise InputError(f"--images names one camera, {', '.join(images)}; a rig has two or more")
     if file is not None and (request.board or request.target or request.search.mirror):
@@ -137,6 +147,7 @@ def _pictures(request: Request, listener: Listener) -> RigPictures:
         observations=file,
         rule=request.pairs,
         fps=request.fps,
+        table=request.times,
         search=request.search,
         corners=request.corners,
         listener=listener,
@@ -159,14 +170,14 @@ def _specs(request: Request, cameras: tuple[str, ...]) -> dict[str, dict[str, st
     return {camera: {ONLY_BOARD: own[camera]} for camera in cameras}
 
 
-def _times(request: Request, pictures: RigPictures) -> dict[str, float]:
-    """Seconds by moment. Raises: InputError where clocks are asked for and nothing tells them."""
+def _times(request: Request, pictures: RigPictures) -> ByMoment:
+    """Seconds by moment, or by camera and moment. Raises: InputError where clocks are asked for and none is told."""
     times = pictures.times
     if (request.time_offsets or request.readout) and not times:
         asked = "--time-offsets" if request.time_offsets else "--readout"
         raise InputError(
-            f"{asked} needs the time of every picture: give videos, images with time stamps in their names, or "
-            "numbered images and --fps RATE"
+            f"{asked} needs the time of every picture: give videos, images with time stamps in their names, --times "
+            "FILE, or numbered images and --fps RATE"
         )
     return times
 
@@ -184,7 +195,7 @@ def _lens_files(request: Request) -> tuple[tuple[tuple[str, ...], str], ...]:
     return (request.camera, "--camera"), (request.initial, "--initial")
 
 
-def _calibrated(found: Mapping[str, Observations], request: Request, times: Mapping[str, float]) -> CalibrationResult:
+def _calibrated(found: Mapping[str, Observations], request: Request, times: ByMoment) -> CalibrationResult:
     from calibrant.calibrate.cell.rig import calibrate_rig
 
     sizes = {camera: size for seen in found.values() for camera, size in seen.image_sizes.items()}

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from calibrant.errors import DetectionError, InputError
 from calibrant.tasks.inputs.image_moments import ImageMoments, images_by_moment, matched_images
 from calibrant.tasks.inputs.moment_times import moment_times
+from calibrant.tasks.inputs.picture_times import PictureTimes, read_picture_times
 from calibrant.tasks.inputs.seen_together import of_camera, together
 from calibrant.tasks.inputs.shared_photos import refuse_shared_photos
 from calibrant.tasks.inputs.sources import Source, kept
@@ -31,13 +32,15 @@ ONLY_BOARD = "target"
 @dataclass(frozen=True, eq=False)
 class RigPictures:
     """images: of each camera by name; specs: by camera, the spec of every board it is searched for, by the board's
-    name; observations: a file of points of all cameras instead; fps: pictures a second, where it is said."""
+    name; observations: a file of points of all cameras instead; fps: pictures a second, table: a file of when each
+    picture was taken, where they are said."""
 
     images: Mapping[str, tuple[str, ...]]
     specs: Mapping[str, Mapping[str, str]]
     observations: Path | None
     rule: str
     fps: float | None
+    table: Path | None
     search: RigSearchOptions
     corners: CornerOptions
     listener: Listener
@@ -78,9 +81,19 @@ class RigPictures:
         """How images were matched, in words; empty where they were not."""
         return "" if self.observations is not None or self.found is None else self.found.words
 
+    @cached_property
+    def own_times(self) -> PictureTimes | None:
+        """What the table of times says. Raises: InputError as `read_picture_times`."""
+        return None if self.table is None else read_picture_times(self.table, self.files)
+
     @property
-    def times(self) -> dict[str, float]:
-        """Seconds by moment; empty where nothing tells them. Raises: InputError as `moment_times`."""
+    def times(self) -> dict[str, float] | dict[str, dict[str, float]]:
+        """Seconds by moment, or by camera and moment; empty where nothing tells them.
+
+        Raises: InputError as `moment_times`, and as `PictureTimes.by_moment`.
+        """
+        if self.own_times is not None:
+            return self.own_times.by_moment(self.moments)
         if self.observations is not None or self.found is None:
             return {}
         return moment_times(self.files, self.found, fps=self.fps)
@@ -88,12 +101,13 @@ class RigPictures:
     @property
     def inputs(self) -> list[Path]:
         """Every file that is read: of frames their video."""
+        table = [] if self.table is None else [self.table]
         if self.observations is not None:
             return [self.observations]
         from calibrant.detection.images.files import frame_of
 
         used = [file for files in self.moments.values() for file in files]
-        return list(dict.fromkeys(place[0] if (place := frame_of(file)) else file for file in used))
+        return [*dict.fromkeys(place[0] if (place := frame_of(file)) else file for file in used), *table]
 
     def read(self) -> dict[str, Observations]:
         """What the cameras saw of each board, by its name. Raises: InputError, DetectionError naming the camera."""

@@ -34,7 +34,8 @@ def _off(found: Array, ends: Array) -> float:
 @pytest.mark.parametrize(("colour", "background"), [((20, 20, 20), 200), ((250, 250, 250), 60)])
 def test_the_longest_elongated_part_is_found(colour: tuple[int, int, int], background: int) -> None:
     ends = np.array([[60.0, 40.0], [250.0, 130.0]])
-    found = find_axis(_picture(colour, ends, background=background))
+    axis = find_axis(_picture(colour, ends, background=background))
+    found = axis.points
     assert _off(found, ends) < 0.3
     assert np.linalg.norm(found[1] - found[0]) > 150
 
@@ -42,11 +43,24 @@ def test_the_longest_elongated_part_is_found(colour: tuple[int, int, int], backg
 def test_a_colour_is_found_by_its_hue() -> None:
     ends = np.array([[60.0, 240.0], [250.0, 130.0]])
     image = _picture((40, 40, 220), ends)  # red: hues on both sides of 0
-    assert _off(find_axis(image, hues_deg=(345, 15)), ends) < 0.3
+    assert _off(find_axis(image, hues_deg=(345, 15)).points, ends) < 0.3
     with pytest.raises(InputError, match="no hue of that range"):
         find_axis(image, hues_deg=(100, 140))
     with pytest.raises(InputError, match="grey"):
         find_axis(image[..., 0], hues_deg=(100, 140))
+
+
+def test_how_far_it_stands_out_is_told() -> None:
+    image = np.full((300, 400), 200, np.uint8)
+    image[40:50, 40:340] = 20
+    alone = find_axis(image)
+    assert alone.next_px == 0
+    assert alone.words == "the only elongated part, 300 px long"
+    image[200:208, 40:240] = 20
+    both = find_axis(image)
+    np.testing.assert_array_equal(both.points, alone.points)
+    assert both.length_px / both.next_px == pytest.approx(1.5, abs=0.01)
+    assert "300 px, 1.5 times as long as the next one" in both.words
 
 
 def test_a_picture_without_a_pointer_is_refused() -> None:

@@ -62,6 +62,36 @@ def test_the_spot_on_a_board_with_a_stick_found_by_its_colour(calibrant, picture
     assert "mm" in told
 
 
+def test_what_nothing_says_is_a_pointer_is_doubted(calibrant, pictures, tmp_path: Path) -> None:
+    """A screen's edge, of no hue, beside the board; by its colour the stick is what was asked for."""
+    files = []
+    for file, edge in zip(pictures, (np.s_[-30:-20, 20:-20], np.s_[20:-20, -30:-20])):
+        image = cv2.imread(str(file))
+        image[edge] = 255
+        image[10:20, 20:200] = 255
+        files.append(tmp_path / file.name)
+        cv2.imwrite(str(files[-1]), image)
+    options = ["--left", files[0], "--right", files[1], "--target", TARGET, "--json"]
+    axes = ["--left-axis", "320,20", "330,90", "--right-axis", "300,20", "280,90"]
+    by_hue, by_length, given = (
+        json.loads(calibrant("point", *options, *more).out) for more in (["--hue", "90..150deg"], [], axes)
+    )
+    checks = [{c["name"]: c for c in found["checks"]} for found in (by_hue, by_length, given)]
+    assert checks[0]["pointer"]["status"] == "ok"
+    assert checks[1]["pointer"]["status"] == "warn"
+    assert "times as long as the next one" in checks[1]["pointer"]["message"]
+    assert "pointer" not in checks[2]
+
+
+def test_a_spot_outside_of_the_corners_is_warned_of(calibrant) -> None:
+    square = ["--left-corners", "0,0", "0,100", "100,0", "100,100", "--left-axis", "125,0", "125,50"]
+    other = ["--right-corners", "10,10", "10,90", "90,10", "90,90", "--right-axis", "0,30", "50,30"]
+    checks = json.loads(calibrant("point", *square, *other, "--json").out)["checks"]
+    inside = next(c for c in checks if c["name"] == "inside")
+    assert inside["status"] == "warn"
+    assert "outside of the corners, by 0.25 of" in inside["message"]
+
+
 def test_corners_and_axes_by_their_pixels(calibrant) -> None:
     square = ["--left-corners", "0,0", "0,100", "100,0", "100,100", "--left-axis", "25,0", "25,50"]
     other = ["--right-corners", "10,10", "10,90", "90,10", "90,90", "--right-axis", "0,30", "50,30"]

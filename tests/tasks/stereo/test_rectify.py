@@ -102,6 +102,41 @@ def test_exchanged_sides_are_named(calibrant, pair: Path, tmp_path: Path) -> Non
     assert "--cameras right,left" in " ".join(done.out.split())
 
 
+def test_opencvs_file_of_the_pair_gives_the_same_maps(calibrant, pair: Path, tmp_path: Path) -> None:
+    opencv = tmp_path / "stereo.yml"
+    T = se3.inverse(T_LEFT_RIGHT)
+    file = cv2.FileStorage(str(opencv), cv2.FILE_STORAGE_WRITE)
+    for number, camera in ((1, LEFT), (2, RIGHT)):
+        file.write(f"image_width_{number}", 480)
+        file.write(f"image_height_{number}", 360)
+        file.write(f"K{number}", camera.K)
+        file.write(f"D{number}", np.array([[camera.parameters["k1"], 0, 0, 0, 0]]))
+    file.write("R", T[:3, :3])
+    file.write("T", 1e3 * T[:3, 3:])
+    file.release()
+    arguments = ["--maps", tmp_path / "of_opencv.npz"]
+    refused = calibrant("rectify", opencv, *arguments)
+    assert refused.status == 2
+    assert "T_unit: mm" in " ".join(refused.err.split())
+    opencv.write_text(opencv.read_text() + "T_unit: mm\n")
+    assert calibrant("rectify", opencv, *arguments).status == 0
+    assert calibrant("rectify", pair / "stereo.json", "--maps", tmp_path / "ours.npz").status == 0
+    theirs, ours = (np.load(tmp_path / f"{name}.npz") for name in ("of_opencv", "ours"))
+    for key in ours.files:
+        np.testing.assert_allclose(theirs[key], ours[key], rtol=1e-5, atol=1e-4)
+
+
+def test_pictures_of_another_size_are_refused_by_name_and_side(calibrant, pair: Path, tmp_path: Path) -> None:
+    small = tmp_path / "0.png"
+    cv2.imwrite(str(small), cv2.imread(str(pair / "right" / "0.png"))[::2, ::2])
+    sides = ["--left", pair / "left" / "0.png", "--right", small]
+    done = calibrant("rectify", pair / "stereo.json", *sides, "--out", tmp_path / "out")
+    assert done.status == 2
+    words = " ".join(done.err.split())
+    assert f"{small}, a right picture (camera right): the image is 240x180 px" in words
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(
     ("more", "words"),
     [

@@ -12,15 +12,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.data import CalibrationResult
 from calibrant.data.details import StereoGeometry
 from calibrant.errors import InputError
 from calibrant.formats.cameras.opencv import distortion_coefficients, is_opencvs
 from calibrant.formats.cameras.opencv_storage import yaml_text
+from calibrant.geometry import se3, so3
+from calibrant.targets.lengths import parse_length
 
 _MM = 1e3
 _SIDES = ("left", "right")
 """What the first and the second camera are called where the file does not say."""
+PAIR_SUFFIXES = (".yml", ".yaml", ".xml")
+_ROUNDED = 1e-4
+"""R as people write it down: four digits."""
 _SECOND = ("K2", "M2", "cameraMatrix2", "camera_matrix_2")
 """Keys that only files of two cameras have."""
 _SHARED = ("image_width", "image_height", "image_size", "imageSize")
@@ -66,6 +72,33 @@ def stereo_text(result: CalibrationResult) -> str:
     if result.rms_px is not None:
         values["avg_reprojection_error"] = float(result.rms_px)
     return yaml_text(values)
+
+
+def pair_names(data: Mapping[str, Any]) -> tuple[str, str]:
+    """What a stereo file calls its cameras. Raises: InputError for a file of one camera, or of none."""
+    if not any(key in data for key in _SECOND):
+        keys = ", ".join(repr(str(key)) for key in list(data)[:8]) or "(none)"
+        raise InputError(f"no stereo pair in it; its keys are {keys}; expected K1, D1, K2, D2, R and T")
+    left, right = (str(data.get(f"camera_{number}", side)) for number, side in enumerate(_SIDES, start=1))
+    return left, right
+
+
+def T_left_right(data: Mapping[str, Any]) -> Array:
+    """Coordinates of the right camera into the left one, metres, from X_right = R X_left + T in `T_unit`.
+
+    Raises: InputError where R, T or its unit is missing, or R is no rotation.
+    """
+    missing = [key for key in ("R", "T", "T_unit") if key not in data]
+    if missing:
+        what = (
+            "; OpenCV's own programs leave the unit out: add a line such as T_unit: mm" if "T_unit" in missing else ""
+        )
+        raise InputError(f"a stereo file without {' and '.join(missing)}{what}")
+    R, t = (np.asarray(data[key], dtype=np.float64) for key in ("R", "T"))
+    if R.shape != (3, 3) or t.size != 3 or not so3.is_rotation(R, tolerance=_ROUNDED):
+        raise InputError(f"R {R.shape} and T {t.shape} are no rotation (3, 3) and translation of three numbers")
+    metre = parse_length(f"1{data['T_unit']}", what="T_unit")
+    return se3.inverse(se3.make(so3.nearest(R), metre * t.ravel()))
 
 
 def of_pair(data: Mapping[str, Any], name: str) -> Mapping[str, Any]:

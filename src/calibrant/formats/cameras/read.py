@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from calibrant.cameras import Camera
-from calibrant.data import CalibrationResult
+from calibrant.data import CalibrationResult, as_transform
 from calibrant.data.result_encoding import FORMAT
 from calibrant.data.result_file import read_result
 from calibrant.errors import InputError
 from calibrant.formats.cameras.camera_format import CameraFormat, Size, size_or_refuse
 from calibrant.formats.cameras.described import DESCRIBED
-from calibrant.formats.cameras.opencv_stereo import of_pair
+from calibrant.formats.cameras.opencv_stereo import PAIR_SUFFIXES, T_left_right, of_pair, pair_names
 from calibrant.formats.cameras.opencv_storage import read_json, read_xml, read_yaml_documents
 from calibrant.reading.files import read_text
 
@@ -45,6 +45,25 @@ def read_camera(path: str | Path, *, image_size: Size | None = None, name: str |
     listed = ", ".join(repr(str(key)) for key in list(data)[:8]) or "(none)"
     known = ", ".join(("calibrant result (JSON)", *(form.name for form in FORMATS)))
     raise InputError(f"{path}: no camera in it; its keys are {listed}; formats read: {known}")
+
+
+def read_pair(path: str | Path) -> CalibrationResult:
+    """The cameras of a result of calibrant, or the two of OpenCV's stereo file (`stereo.yml`), without covariance.
+
+    Raises: InputError naming the file, and what of a pair it does not hold.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in PAIR_SUFFIXES:
+        return read_result(path)
+    data = _data(path)
+    try:
+        names = pair_names(data)
+        cameras = {name: read_camera(path, name=name) for name in names}
+        place = as_transform(*names, T_left_right(data))
+    except InputError as error:
+        text = str(error)
+        raise InputError(text if text.startswith(str(path)) else f"{path}: {text}") from error
+    return CalibrationResult("stereo", "ok", cameras=cameras, transforms=(place,))
 
 
 def _of_result(result: CalibrationResult, name: str | None) -> Camera:

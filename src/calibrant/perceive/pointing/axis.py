@@ -6,6 +6,7 @@ Parts are what lies above or below Otsu's threshold, or within a range of hues. 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -29,8 +30,26 @@ _MAX_ROUNDS = 5
 _FAR = 3.0
 
 
-def find_axis(image: NDArray[Any], *, hues_deg: tuple[float, float] | None = None) -> Array:
-    """Two points (2, 2), pixels, of the middle line of the pointer, near its ends; the upper one first.
+@dataclass(frozen=True, eq=False)
+class FoundAxis:
+    """points (2, 2), pixels: of the middle line of the longest elongated part, near its ends, the upper one first;
+    length_px: of that part; next_px: of the next one that is elongated, 0 where there is none."""
+
+    points: Array
+    length_px: float
+    next_px: float
+
+    @property
+    def words(self) -> str:
+        """How far it stands out."""
+        if not self.next_px:
+            return f"the only elongated part, {self.length_px:.0f} px long"
+        times = self.length_px / self.next_px
+        return f"the longest elongated part, {self.length_px:.0f} px, {times:.2g} times as long as the next one"
+
+
+def find_axis(image: NDArray[Any], *, hues_deg: tuple[float, float] | None = None) -> FoundAxis:
+    """The middle line of the pointer, which is taken to be the longest elongated part.
 
     Args: image (h, w) or (h, w, 3) BGR, 8 bits; hues_deg: the pointer's hues, from the first up to the second, through
     0 where the second is smaller. Raises: InputError where nothing elongated is seen, or hues are asked of grey.
@@ -43,8 +62,9 @@ def find_axis(image: NDArray[Any], *, hues_deg: tuple[float, float] | None = Non
             f"no pointer was found: {what} of the picture has a part {ELONGATED:g} times as long as wide and "
             f"{SHORTEST_PX:g} px long; give two points of its axis, or its hue"
         )
+    lengths = sorted((length for length, _ in found), reverse=True)
     _, points = max(found, key=lambda part: part[0])
-    return _middle_line(points)
+    return FoundAxis(_middle_line(points), lengths[0], lengths[1] if len(lengths) > 1 else 0.0)
 
 
 def _by_threshold(image: NDArray[Any]) -> list[Mask]:

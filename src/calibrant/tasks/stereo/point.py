@@ -17,12 +17,13 @@ from calibrant.tasks.options.words import pixels
 from calibrant.tasks.outcome import Document, Outcome
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from calibrant.arrays import Array
     from calibrant.data import CalibrationResult, Check
+    from calibrant.perceive.pointing.axis import FoundAxis
     from calibrant.perceive.pointing.spot import Sight, Spot
 
 EXAMPLE = (
@@ -81,15 +82,18 @@ def reads(request: Request) -> list[Path]:
 def run(request: Request, listener: Listener = SILENT) -> Outcome:
     """The spot. Raises: InputError for arguments that cannot be used; RefusedError where the lines do not meet."""
     from calibrant.data.verdicts import refuse_if_failed
-    from calibrant.perceive.pointing.spot import pointing_spot
+    from calibrant.perceive.pointing.spot import Sight, pointing_spot
 
     noise = pixels(request.sigma_px, option="--sigma-px") or 0.0
     if request.overlay is not None and None in (request.left, request.right):
         raise InputError("--overlay draws over two pictures: give --left and --right")
     plane, corners, unit = _plane(request, listener)
-    sights = [_sight(request, side, seen) for side, seen in zip(SIDES, corners)]
+    axes = {side: _axis(request, side) for side in SIDES}
+    sights = [Sight(seen, a if isinstance(a, np.ndarray) else a.points) for seen, a in zip(corners, axes.values())]
     spot = pointing_spot(*sights, plane=plane, sigma_px=noise)
-    result = _result(request, spot, plane, unit, noise)
+    looked_for = {side: a for side, a in axes.items() if not isinstance(a, np.ndarray)}
+    checks = (*_checks(spot, plane, noise), *_pointer_check(looked_for, request.hue))
+    result = _result(request, spot, unit, noise, checks)
     refuse_if_failed(result)
     drawn = () if request.overlay is None else (Document(request.overlay, partial(_picture, request, sights, spot)),)
     return Outcome(result=result, documents=drawn)
@@ -155,20 +159,20 @@ def _plane_of(words: Sequence[str]) -> tuple[Array | None, str]:
     return np.array([[parse_coordinate(c, what="--plane") for c in part] for part in parts]), "m"
 
 
-def _sight(request: Request, side: str, corners: Array) -> Sight:
+def _axis(request: Request, side: str) -> Array | FoundAxis:
+    """Two points of the pointer's axis as given, or what was found in the picture."""
     from calibrant.detection.images.images import load_image
     from calibrant.perceive.pointing.axis import find_axis
-    from calibrant.perceive.pointing.spot import Sight
 
     given = request.left_axis if side == "left" else request.right_axis
     if given:
         axis = _pixels(given, option=f"--{side}-axis")
         if len(axis) != 2:
             raise InputError(f"--{side}-axis takes two points of the pointer's axis, got {len(axis)}")
-        return Sight(corners, axis)
+        return axis
     picture = _needed(request, side, f"the pointer in it (or give --{side}-axis U,V U,V)")
     try:
-        return Sight(corners, find_axis(_eight_bits(load_image(picture)), hues_deg=_hues(request.hue)))
+        return find_axis(_eight_bits(load_image(picture)), hues_deg=_hues(request.hue))
     except InputError as error:
         raise InputError(f"{picture}: {error}") from None
 
@@ -210,12 +214,11 @@ def _hues(text: str | None) -> tuple[float, float] | None:
     return hues
 
 
-def _result(request: Request, spot: Spot, plane: Array, unit: str, noise: float) -> CalibrationResult:
+def _result(request: Request, spot: Spot, unit: str, noise: float, checks: tuple[Check, ...]) -> CalibrationResult:
     from calibrant.data import CalibrationResult, Measured, verdict_of
     from calibrant.data.details import PointedSpot
     from calibrant.data.verdicts import stamp
 
-    checks = (_corners_check(spot, len(plane), noise), _crossing_check(spot), _inside_check(spot, plane))
     C = spot.covariance
     found = {n: Measured(float(v), float(s), unit) for n, v, s in zip("xy", spot.xy, spot.sigma)}
     seen = {side: (float(u), float(v)) for side, (u, v) in zip(SIDES, spot.uv)}
@@ -232,6 +235,27 @@ def _result(request: Request, spot: Spot, plane: Array, unit: str, noise: float)
             inputs=session.file_records(reads(request)),
         )
     )
+
+
+def _checks(spot: Spot, plane: Array, noise: float) -> tuple[Check, ...]:
+    return _corners_check(spot, len(plane), noise), _crossing_check(spot), _inside_check(spot, plane)
+
+
+def _pointer_check(found: Mapping[str, FoundAxis], hue: str | None) -> tuple[Check, ...]:
+    """Whether what was taken for the pointer is one: any edge of a table or a screen is elongated, too."""
+    from calibrant.data import Check
+
+    if not found:
+        return ()
+    seen = "; ".join(f"in the {side} picture {axis.words}" for side, axis in found.items())
+    if hue is not None:
+        return (Check("pointer", "ok", f"of the hues {hue}, {seen}"),)
+    options = " and ".join(f"--{side}-axis" for side in found)
+    message = (
+        f"nothing says that what was found is the pointer: {seen}. If it is something else, the spot is wrong by more "
+        f"than its sigma: look at it (--overlay), and give the pointer's --hue, or {options}"
+    )
+    return (Check("pointer", "warn", message),)
 
 
 def _corners_check(spot: Spot, count: int, noise: float) -> Check:
@@ -269,7 +293,7 @@ def _inside_check(spot: Spot, plane: Array) -> Check:
         return Check("inside", "ok", "the spot lies between the corners")
     beyond = float(np.max(np.maximum(low - spot.xy, spot.xy - high) / (high - low)))
     text = f"the spot lies outside of the corners, by {beyond:.2g} of the plane's size: there the plane is extrapolated"
-    return Check("inside", "warn" if beyond > 1 else "ok", text, beyond)
+    return Check("inside", "warn", text, beyond)
 
 
 def _picture(request: Request, sights: Sequence[Sight], spot: Spot) -> bytes:

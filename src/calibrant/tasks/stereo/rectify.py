@@ -84,12 +84,12 @@ class Request:
     calibrant rectify stereo.json --left left/*.png --right right/*.png --out rectified --rows rows
     calibrant rectify stereo.json --maps maps.npz --alpha 1
 
-    From a result with two cameras or more (calibrant stereo, calibrant rig). Prints what the board's corners are off
-    from a common row. Cameras above each other get common columns.
+    From a result with two cameras or more (calibrant stereo, calibrant rig), or OpenCV's stereo.yml. Prints what the
+    board's corners are off from a common row. Cameras above each other get common columns.
     """
 
     result: Annotated[Path, Option("RESULT", positional=True)]
-    """The calibration of both cameras, a result file."""
+    """The calibration of both cameras: a result file, or stereo.yml as OpenCV has it."""
     left: Annotated[tuple[str, ...], Option("IMAGES")] = ()
     """Pictures of the left (first, upper) camera: files, folders or patterns."""
     right: Annotated[tuple[str, ...], Option("IMAGES")] = ()
@@ -116,8 +116,8 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
 
     Raises: InputError for unusable arguments; RefusedError where the sides are exchanged.
     """
-    from calibrant.data.result_file import read_result
     from calibrant.data.verdicts import refuse_if_failed
+    from calibrant.formats.cameras.read import read_pair
 
     check_maps(request.maps)
     pairs, how = paired(*_files(request))
@@ -125,15 +125,13 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
         raise InputError("what shall be rectified? Give --left and --right pictures, or --maps FILE")
     if pairs and request.out is None and request.rows is None:
         raise InputError("where shall the pictures go? Give a folder: --out rectified, or --rows DIR")
-    result = read_result(request.result)
+    result = read_pair(request.result)
     pair = request.rectified.pair(result)
     corners = _corners(request, result, pair, pairs, listener)
     if pairs:
         with listener.status("Computing the maps …"):
             _ = pair.maps
-        for files in pairs:
-            for i, file in enumerate(files):
-                pair.maps[i].require(_photo(file))
+        _require_sizes(pair, pairs)
     done = rectified_result(pair, corners, request, how)
     refuse_if_failed(done)
     return Outcome(result=done, documents=_written(done, pair, pairs, request))
@@ -144,6 +142,16 @@ def _files(request: Request) -> tuple[list[Path], list[Path]]:
 
     left, right = (expand(list(side)) if side else [] for side in (request.left, request.right))
     return left, right
+
+
+def _require_sizes(pair: Rectification, pairs: Sequence[tuple[Path, Path]]) -> None:
+    """Raises: InputError naming the picture and its side, of another size than its camera's."""
+    for files in pairs:
+        for i, (file, side) in enumerate(zip(files, SIDES)):
+            try:
+                pair.maps[i].require(_photo(file))
+            except InputError as error:
+                raise InputError(f"{file}, a {side} picture (camera {pair.eyes.names[i]}): {error}") from None
 
 
 def _photo(file: Path) -> Any:

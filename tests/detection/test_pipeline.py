@@ -11,6 +11,7 @@ from tests.detection.chessboard_pictures import Lens, facing, picture
 
 from calibrant.cameras import Camera
 from calibrant.detection import detect
+from calibrant.detection.chessboard.patterned import squares_hold_patterns
 from calibrant.detection.images.overlay import draw
 from calibrant.detection.registry import detector_for
 from calibrant.detection.tags.grid_seen import aprilgrid_seen
@@ -96,7 +97,15 @@ def test_circles_asked_of_a_chessboard_are_answered_at_once(boards):
 
 
 @pytest.mark.parametrize("family", ["36h11", "25h9"])
-@pytest.mark.parametrize("asked", ["circles:9x7:30mm", "circles:7x11:20mm:asymmetric", "chessboard:9x6:25mm"])
+@pytest.mark.parametrize(
+    "asked",
+    [
+        "circles:9x7:30mm",
+        "circles:7x11:20mm:asymmetric",
+        "chessboard:9x6:25mm",
+        "chessboard:8x6:25mm",  # as many as the inner corners where tags and small squares meet
+    ],
+)
 def test_an_aprilgrid_is_named(family, asked):
     """Its tags and small squares are spots of a lattice and meet in corners of a grid: neither is what is seen."""
     grid = parse_target(f"aprilgrid:5x4:35mm:0.3:{family}")
@@ -108,6 +117,22 @@ def test_an_aprilgrid_is_named(family, asked):
     seen = f"an AprilGrid with tags of DICT_APRILTAG_{family}"
     assert found.reason == f"the image looks like {seen}, you asked for {asked}"
     assert found.another
+
+
+def test_the_squares_of_a_chessboard_are_plain():
+    """And those of the same picture with something drawn in them are not: tags are only looked for there."""
+    pose = facing(9, 6, LENS, distance=15, tilt_deg=10, axis_deg=30, roll_deg=5)
+    grey = picture(9, 6, pose, LENS, (320, 240), seed=1)
+    found = detector_for("chessboard").detect(grey, TARGET)
+    assert found.found
+    assert not squares_hold_patterns(grey, found, TARGET)
+    drawn = grey.copy()
+    corners = found.uv[np.argsort(found.point_ids)].reshape(6, 9, 2)
+    for row in range(5):
+        for column in range(row % 2, 8, 2):  # the dark ones
+            u, v = corners[row : row + 2, column : column + 2].mean(axis=(0, 1)).round().astype(int)
+            drawn[v - 2 : v + 3, u - 2 : u + 3] = 255
+    assert squares_hold_patterns(drawn, found, TARGET)
 
 
 def test_a_charuco_board_of_the_same_tags_is_no_aprilgrid():

@@ -20,6 +20,7 @@ from calibrant.detection.chessboard.candidates import MOST_CANDIDATES, find_corn
 from calibrant.detection.chessboard.grid import Grid, grow_grids, turned
 from calibrant.detection.chessboard.links import neighbours
 from calibrant.detection.chessboard.partial import Placed, place
+from calibrant.detection.chessboard.patterned import squares_hold_patterns
 from calibrant.detection.chessboard.snap import steps_at
 from calibrant.detection.chessboard.strays import stray_corners
 from calibrant.detection.detection import Detection
@@ -71,6 +72,15 @@ class ChessboardDetector:
         """
         if not isinstance(target, Chessboard):
             raise InputError(f"the chessboard detector was given a target of kind {target.kind!r}")
+        found = self._found(grey, target)
+        if not found.found or not squares_hold_patterns(grey, found, target):
+            return found
+        from calibrant.detection.tags.grid_seen import aprilgrid_seen
+
+        tags = aprilgrid_seen(grey)
+        return found if tags is None else _looks_like(tags, target)
+
+    def _found(self, grey: Grey, target: Chessboard) -> Detection:
         seen: list[_Found] = []
         best: Detection | None = None
         for found in _at_every_scale(grey, target):
@@ -231,6 +241,10 @@ def _ambiguous(target: Chessboard) -> str:
     )
 
 
+def _looks_like(tags: str, target: Chessboard) -> Detection:
+    return Detection.nothing(f"the image looks like {tags}, you asked for {target.spec}", looks_like=tags, another=True)
+
+
 def _not_found(grey: Grey, others: list[_Found], target: Chessboard) -> Detection:
     from calibrant.detection.tags.grid_seen import aprilgrid_seen  # not needed where the board is found
 
@@ -239,9 +253,7 @@ def _not_found(grey: Grey, others: list[_Found], target: Chessboard) -> Detectio
     if shape is None:
         return Detection.nothing(f"no chessboard of {asked} inner corners was found")
     if (tags := aprilgrid_seen(grey)) is not None:  # whose small squares meet the tags in corners of a grid
-        return Detection.nothing(
-            f"the image looks like {tags}, you asked for {target.spec}", looks_like=tags, another=True
-        )
+        return _looks_like(tags, target)
     rows, columns = shape
     if (rows > columns) != (target.rows > target.columns):
         rows, columns = columns, rows

@@ -35,15 +35,17 @@ def cameras(session: Path, folder: Path) -> dict[str, str]:
     return out
 
 
+@pytest.mark.parametrize("table", [False, True])
 @pytest.mark.parametrize(
     ("name", "their_rms_px"), [("charuco_calibration", 1.112), ("post_optimization", 1.252)]
 )  # fmt: skip
 def test_offsets_explain_what_caliscope_leaves(
-    name: str, their_rms_px: float, shared_data: Callable[[str], Path], tmp_path: Path
+    name: str, their_rms_px: float, table: bool, shared_data: Callable[[str], Path], tmp_path: Path
 ) -> None:
     session = shared_data("multicam_caliscope_charuco") / name
     videos = {f"cam_{c}": str(session / "calibration/extrinsic" / f"cam_{c}.mp4") for c in range(4)}
-    result = cb.rig(images=videos, target=SPEC, camera=cameras(session, tmp_path), time_offsets=True)
+    times = {"times": session / "calibration/extrinsic/timestamps.csv"} if table else {}
+    result = cb.rig(images=videos, target=SPEC, camera=cameras(session, tmp_path), time_offsets=True, **times)
     seen = result.observations
     assert seen is not None
     assert any("negative" in note for note in seen.notes)

@@ -93,6 +93,18 @@ def test_offsets_without_noise() -> None:
     assert result.rms_px == pytest.approx(0, abs=1e-4)
 
 
+def test_views_are_not_left_out_for_a_clock_that_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A board that stops and goes, a camera nearly a step late: pairs on the move contradict those that stand still."""
+    waving = pose_at
+    monkeypatch.setitem(waved.__globals__, "pose_at", lambda t: waving(t - 0.98 * np.sin(5.236 * t) / 5.236))
+    observations, times = waved(0, late={"left": 0.0, "middle": 0.06, "right": -0.007})
+    result = cb.calibrate_rig(observations, times=times, time_offsets=True)
+    assert all(v.used for v in result.views)
+    assert not any(c.name.startswith("at-once") for c in result.checks)
+    middle = next(c for c in clocks_of(result).clocks if c.camera == "middle")
+    assert middle.offset_ms == pytest.approx(60, abs=0.5)
+
+
 @pytest.mark.statistics
 def test_offsets_and_places_match_their_sigma() -> None:
     scores, places = [], []

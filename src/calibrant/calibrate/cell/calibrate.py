@@ -234,7 +234,7 @@ def fit_cell(
     data, roles, left_out = _matched(where, lenses)
     where, data, numbering = numbered_alike(where, data)
     where, data, by_hand = numbered_at_once(where, data)
-    data, roles, at_once = seen_at_once(where, data, roles, taken.moments)
+    data, roles, at_once = seen_at_once(where, data, roles, taken.moments, clocks=time_offsets)
     free = {name: free_joints(r, identify) for name, r in _readings(where, joints).items()}
     start = cell_start(where, data, {v.id: v.reason or "" for v in left_out})
     with _by_its_cause(start):

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calibrant.arrays import Array, Mask
+from calibrant.calibrate.cell.moments.late import led_back, scatter
 from calibrant.calibrate.cell.moments.moved import Move, move_between
 from calibrant.calibrate.cell.moments.reflected import BEHIND, reflections
 from calibrant.calibrate.cell.moments.sightings import (
@@ -156,21 +157,20 @@ def _are_pairs(found: PairPoses) -> bool:
     if n < LEAST:
         return False
     mixed = found.take(range(n), np.roll(np.arange(n), n // 2))
-    return _scatter(found.D) < PAIRED * _scatter(mixed.D)
-
-
-def _scatter(D: Array) -> float:
-    """Median distance from the place that most agree on; a radian counts as a metre."""
-    mm, deg = se3.deviation(np.broadcast_to(robust_mean(D), D.shape), D)
-    return float(np.median(1e-3 * mm + np.deg2rad(deg)))
+    return scatter(found.D) < PAIRED * scatter(mixed.D)
 
 
 def seen_at_once(
-    where: Layout, data: Sequence[HandEyeViews], roles: Mapping[str, CameraRole], times: Mapping[str, float]
+    where: Layout,
+    data: Sequence[HandEyeViews],
+    roles: Mapping[str, CameraRole],
+    times: Mapping[str, float],
+    *,
+    clocks: bool = False,
 ) -> tuple[tuple[HandEyeViews, ...], dict[str, CameraRole], tuple[Check, ...]]:
     """The data without views that belong to no moment, the lenses that they still count for, and what was found.
 
-    times: seconds by moment, where a target was seen on the move (`swept`).
+    times: seconds by moment, where a target was seen on the move (`swept`); clocks: how late cameras are is asked for.
 
     Raises: RefusedError where cameras moved against each other, or most of the pairs are none.
     """
@@ -189,6 +189,11 @@ def seen_at_once(
             found = _other_branches(pair, found, D, out, own, times)
             D = robust_mean(found.D)
         wrong = apart(found, D)
+        if clocks and wrong.any():  # pairs on the move contradict those that stand still
+            moments = [out[s.list].ids[s.row] for s in pair.seen_b]
+            led = replace(found, T_b=led_back(found.T_a, found.T_b, moments, times))
+            if (still := apart(led, robust_mean(led.D))).sum() < wrong.sum():
+                found, D, wrong = led, robust_mean(led.D), still
         move = _move(found, D)
         if move is not None and _parted(found, move):
             text = _moved_words(pair, found, move)
@@ -327,11 +332,11 @@ def _reflected(pair: Common, found: PairPoses, agreeing: int, middle: Array) -> 
         (other.how, replace(found, T_b=other.T, C_b=other.C, L_b=other.L))
         for other in reflections(found.T_b, found.C_b, found.L_b, middle)
     ]
-    how, best = min(ways, key=lambda way: _scatter(way[1].D))
+    how, best = min(ways, key=lambda way: scatter(way[1].D))
     D = robust_mean(best.D)
     fits = int((~apart(best, D)).sum())
     # Boards that face the cameras scatter little in any mirror: it must be far less than without one.
-    if fits <= max(agreeing, n / 2) or _scatter(best.D) > PAIRED * _scatter(found.D):
+    if fits <= max(agreeing, n / 2) or scatter(best.D) > PAIRED * scatter(found.D):
         return None
     if how == BEHIND:
         return (

@@ -72,9 +72,11 @@ def test_few_images_need_no_pool() -> None:
 
 
 ENDLESS = """
-import sys, time
+import signal, sys, time
 from calibrant.executors import executor_for
 if __name__ == "__main__":
+    # A shell's background job begins with Ctrl-C ignored, which its children inherit.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     with executor_for(2, 9) as pool:
         print(*(pool.submit(sys.modules["os"].getpid).result() for _ in range(1)), *pool._processes, flush=True)
         for _ in range(2):

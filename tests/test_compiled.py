@@ -106,6 +106,7 @@ def test_a_function_in_the_cache_loads_without_the_compiler() -> None:
     assert done.stdout.strip() == "False"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("of_another_process", ["saddle._linearise", "saddle._normal_equations"])
 def test_machine_code_of_several_processes_gives_the_same_digits(tmp_path: Path, of_another_process: str) -> None:
     """What is compiled anew is linked with what an earlier process left in the cache."""

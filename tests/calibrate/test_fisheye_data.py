@@ -80,6 +80,7 @@ def test_perspective_models_are_refused_in_words(model: str, parts: tuple[Observ
         calibrate_intrinsics(parts[0], model=model)
 
 
+@pytest.mark.long
 def test_auto_takes_a_model_that_fits(parts: tuple[Observations, Observations]) -> None:
     result = calibrate_auto(parts[0])
     assert rms(result.camera, parts[1]) <= 0.50

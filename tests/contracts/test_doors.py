@@ -102,6 +102,7 @@ def test_a_study_is_the_same_from_python_and_from_the_command() -> None:
     assert untimed(printed) == untimed(study_text(cb.study_methods(**options)))
 
 
+@pytest.mark.long
 def test_a_demo_is_the_same_from_python_and_from_the_command(tmp_path: Path) -> None:
     options = {**ANSWERS["demo"], "out": tmp_path / "demo"}
     status, printed, error = said([*words_of("demo", options), "--json"])

@@ -137,6 +137,7 @@ def test_clocks_that_jitter_are_in_sigma() -> None:
     assert np.mean(places) < 9.0
 
 
+@pytest.mark.long
 def test_readout_time_is_found() -> None:
     observations, times = waved(1, late=dict.fromkeys(NAMES, 0.0), readout=0.02)
     result = cb.calibrate_rig(observations, times=times, readout=True, cameras=dict.fromkeys(NAMES, CAMERA))

@@ -78,6 +78,7 @@ def test_real_pose_pairs(shared_data) -> None:
         assert_the_same(RobotPoses.from_matrices(pairs[:, 0]), pairs[:, 1], setup)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "spec", "setup"),
     [

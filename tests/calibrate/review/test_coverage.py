@@ -164,6 +164,7 @@ def test_a_corner_that_the_other_views_determine_needs_no_view() -> None:
     assert coverage_checks(coverage, {"lower left": float("nan")})[1].message == "no points in the lower left corner"
 
 
+@pytest.mark.statistics
 def test_the_sigma_of_a_corner_is_what_lenses_drawn_from_the_covariance_scatter() -> None:
     """Each lens turned so that it fits the seen points best, as the pose of what it looks at would be."""
     names = ("fx", "fy", "cx", "cy")

@@ -30,6 +30,7 @@ def photograph(spec: str, *, tilt_deg: float, turn_deg: float, look: Look = LOOK
     return image, CAMERA.project(se3.apply(T, target.points))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", apriltag3.FAMILIES)
 def test_a_familys_tags_are_found_with_their_corners_in_order(name: str) -> None:
     pytest.importorskip("pupil_apriltags")

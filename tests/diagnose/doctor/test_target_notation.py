@@ -45,6 +45,7 @@ def written(path: Path, T: Array, notation: str, angle: str, per_metre: float, h
     return notations(read_poses(path), direction=direction)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 @pytest.mark.parametrize(
     ("robot_is", "target_is", "angle", "per_metre"),

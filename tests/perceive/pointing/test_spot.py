@@ -93,6 +93,7 @@ def test_the_covariance_is_the_propagated_one() -> None:
     np.testing.assert_allclose(found.covariance, C, rtol=1e-5)
 
 
+@pytest.mark.statistics
 @pytest.mark.parametrize("corners", [TABLE, MORE])
 def test_noisy_spots_lie_within_the_predicted_region_as_often_as_said(corners: Array) -> None:
     """500 trials: 95 % within 1 % of chance, so 93 to 97 % are two of its sigmas."""

@@ -45,6 +45,7 @@ def taken(kind: str, distance: float, code: str) -> tuple[Capture, Surface]:
     return Capture(kind, sequence, pictures, sequence.names), thing
 
 
+@pytest.mark.statistics
 @pytest.mark.parametrize(
     ("kind", "distance", "code"),
     [

@@ -50,6 +50,7 @@ def test_depth_errors_follow_the_stated_sigma(distance: float, noise: float, lea
     assert np.mean(np.abs(off) > 5 * sigma) < 0.01
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("T", "projection"), [(VERTICAL, "pinhole"), (EXACT.T_first_camera[1], "cylinder")])
 def test_cameras_above_each_other_and_cylinders_measure_too(T: Array, projection: Projection) -> None:
     eyes = small_eyes(T=T)

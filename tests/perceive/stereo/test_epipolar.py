@@ -50,6 +50,7 @@ def test_a_third_of_wrong_matches_is_left_out() -> None:
     assert plain.rms_px < 1.0
 
 
+@pytest.mark.statistics
 def test_the_error_is_as_large_as_stated() -> None:
     """200 pairs of pictures, five degrees of freedom: the mean square over sigma is 1 within 4.5 % (1 sigma)."""
     rng = np.random.default_rng(4)

@@ -61,6 +61,7 @@ def _moved(eyes: Eyes, k: int, h: float) -> Eyes:
     return replace(eyes, T_first_camera=T, cameras=cameras)
 
 
+@pytest.mark.statistics
 @pytest.mark.parametrize("method", METHODS)
 def test_errors_are_as_large_as_stated(method: Method) -> None:
     """Normalised squared errors of 200 calibrations with 10 points each: mean 1 per degree of freedom.

@@ -78,6 +78,7 @@ def _aligned(points: Array) -> Array:
     return se3.make(R, points.mean(axis=0) - R @ BOX.mean(axis=0))
 
 
+@pytest.mark.statistics
 def test_right_angles_lower_the_pose_error_and_sigma_says_so() -> None:
     """80 noisy boxes, with the structure and with planes alone."""
     rng = np.random.default_rng(2)

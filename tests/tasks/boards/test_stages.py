@@ -30,6 +30,7 @@ def green(picture: np.ndarray) -> int:
     return int(np.count_nonzero(level - np.maximum(blue, red) > 50))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "spec", ["charuco:5x4:30mm:22mm:DICT_4X4_50", "aprilgrid:3x3:40mm:0.3:36h11", "marker:100mm:DICT_4X4_50:3"]
 )

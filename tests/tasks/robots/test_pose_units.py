@@ -65,6 +65,7 @@ def test_a_target_of_another_unit_is_no_fault_of_the_poses(scene: HandEyeScene, 
         cb.hand_eye(**given(scene, tmp_path, unit=1e-3, target=10.0))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("said", "turn", "words"), [("rad", np.pi / 180, "degrees"), ("deg", 1.0, "radians")])
 def test_an_angle_that_contradicts_the_data_is_named(
     scene: HandEyeScene, tmp_path: Path, said: str, turn: float, words: str
@@ -80,6 +81,7 @@ def test_an_angle_that_contradicts_the_data_is_named(
     assert "pure-translation" not in message
 
 
+@pytest.mark.long
 def test_an_option_that_agrees_is_no_cause(scene: HandEyeScene, tmp_path: Path) -> None:
     """Poses that belong to no target at all: what was said of their angles is not what is wrong."""
     asked = given(scene, tmp_path, turn=np.pi / 180)

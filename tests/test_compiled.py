@@ -62,6 +62,7 @@ def test_a_part_has_no_way_in_from_python() -> None:
         half(8.0)
 
 
+@pytest.mark.long
 def test_asserts_and_docstrings_do_not_matter_to_the_cache() -> None:
     script = (
         "from numba.core import event\n"
@@ -140,6 +141,7 @@ def compiled_functions() -> Iterator[tuple[str, ast.FunctionDef]]:
                 yield file.name, node
 
 
+@pytest.mark.long
 def test_kernels_are_compiled_once_and_without_sentences(tmp_path: Path) -> None:
     """A first run waits for each: for one of several types, and for strings, which an error's sentence brings."""
     script = (
@@ -162,6 +164,7 @@ def test_kernels_are_compiled_once_and_without_sentences(tmp_path: Path) -> None
     assert not [name for name in compiled_now if ".unicode." in name or "raise_with" in name]
 
 
+@pytest.mark.long
 def test_what_kernels_call_are_parts() -> None:
     """A part comes from the cache even where it was just compiled, so that its callers are alike in every process."""
     entries = [

@@ -174,6 +174,7 @@ def test_poses_are_read_in_every_way_or_in_the_one_that_fits(files: Files) -> No
         cb.read_poses(files.poses, units="mm")
 
 
+@pytest.mark.long
 def test_every_name_is_one_object_before_and_after_all_modules_are_loaded() -> None:
     code = """
 import calibrant as cb, importlib, pkgutil

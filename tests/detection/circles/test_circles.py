@@ -76,6 +76,7 @@ def near(
     return CirclesDetector().detect(image, target), camera.project(se3.apply(T, target.points))
 
 
+@pytest.mark.long
 def test_where_the_map_does_not_follow_the_lens_sigma_says_so() -> None:
     # Polynomials through the dots of a grid near a fisheye put some centres 0.5 px off, at a sigma of 0.007.
     terms = {"fx": 380.0, "fy": 380.0, "cx": 640.0, "cy": 480.0, "k1": -0.01, "k2": 0.003, "k3": 0.0, "k4": 0.0}

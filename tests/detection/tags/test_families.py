@@ -54,6 +54,7 @@ def test_a_familys_tags_are_found_with_their_corners_in_order(name: str) -> None
         )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["tagStandard41h12", "tagCircle21h7"])
 def test_order_and_place_of_the_corners_are_those_of_apriltags_own_detector(name: str) -> None:
     library = pytest.importorskip("pupil_apriltags")

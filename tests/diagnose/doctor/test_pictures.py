@@ -88,6 +88,7 @@ def test_a_grid_of_another_spacing_than_configured(circles: tuple[tuple, Observa
     assert "poses-shifted" not in {f.name for f in found.findings}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("given", "named"), [(18.0, False), (20.0, True), (15.0, True)])
 def test_markers_of_another_size_than_given(tmp_path: Path, given: float, named: bool) -> None:
     rng = np.random.default_rng(1)

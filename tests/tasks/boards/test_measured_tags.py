@@ -67,6 +67,7 @@ def asked(folder: Path, out: Path, spec: str = SPEC) -> Request:
     return Request(spec=spec, out=out, from_photos=(str(folder / "photos"),), camera=folder / "camera.json")
 
 
+@pytest.mark.long
 def test_the_file_that_is_written_is_the_target(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "bundle.yaml"
     write_documents(run(asked(folder, out)).documents, force=False)

@@ -150,14 +150,18 @@ def write_scene(folder: Path, views: int) -> Path:
 
 
 def write_rig(folder: Path, cameras: int = 4, frames: int = 60) -> Path:
-    """Four cameras in a row, 0.12 m apart and turned inwards, that all see every board; 0.1 px of noise."""
+    """Four cameras in a row, 0.12 m apart and turned inwards, that all see every board; 0.1 px of noise.
+
+    More than eight stand nearer to each other, about the middle: a longer row sees no board in common.
+    """
     from calibrant.geometry import se3, so3
     from calibrant.simulate.scenes import grid, look_at_board, standard_camera
 
     rng = np.random.default_rng(0)
     camera, points = standard_camera(), grid(11, 8, 0.03)
-    turns = [so3.exp([0, 0.12 * (c - 1.5), 0]) for c in range(cameras)]
-    T_camera_rig = np.stack([se3.make(R, -R @ [0.12 * (c - 1.5), 0, 0]) for c, R in enumerate(turns)])
+    step, middle = (0.12, 1.5) if cameras <= 8 else (0.64 / cameras, (cameras - 1) / 2)
+    turns = [so3.exp([0, step * (c - middle), 0]) for c in range(cameras)]
+    T_camera_rig = np.stack([se3.make(R, -R @ [step * (c - middle), 0, 0]) for c, R in enumerate(turns)])
     kept: list[np.ndarray] = []
     while len(kept) < frames:
         for T in look_at_board(camera, points, 50, rng=rng, distance=(0.7, 1.2), tilt_deg=40):

@@ -67,8 +67,7 @@ def row(seed: int, cameras: int, frames: int) -> Scene:
     """The scene of `write_rig`."""
     rng = np.random.default_rng(seed)
     camera, points = standard_camera(), grid(11, 8, 0.03)
-    middle = (cameras - 1) / 2 if cameras > 8 else 1.5
-    step = 0.12 if cameras <= 8 else 0.02
+    step, middle = (0.12, 1.5) if cameras <= 8 else (0.64 / cameras, (cameras - 1) / 2)
     turns = [so3.exp([0, step * (c - middle), 0]) for c in range(cameras)]
     T_camera_rig = np.stack([se3.make(R, -R @ [step * (c - middle), 0, 0]) for c, R in enumerate(turns)])
     seen: dict[tuple[int, int], Array] = {}

@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import calibrant as cb
 from calibrant.calibrate.intrinsics.one_model import calibrate_keeping
 from calibrant.calibrate.review.residuals import fitted_poses
+from calibrant.calibrate.review.splits import _explained
 from calibrant.calibrate.review.view_scores import (
     BEND,
     CENTRE,
@@ -111,3 +113,14 @@ def test_a_camera_that_was_given_has_no_scores() -> None:
     result = calibrate_keeping(intrinsics_scene(6).observations).result
     given = replace(result, cameras={"camera": replace(result.camera, covariance=None)})
     assert rows_of(given, "camera", fitted_poses(given)) is None
+
+
+@pytest.mark.parametrize("own", [(ZOOM,), (CENTRE,)])
+def test_partings_asked_at_once_say_what_each_says_by_itself(own: tuple[str, ...]) -> None:
+    scores = _scores(cb.calibrate_intrinsics(intrinsics_scene(12, seed=2).observations))
+    masks = [np.arange(12) >= at for at in range(3, 10)] + [np.zeros(12, dtype=bool)]  # the last tells nothing
+    columns, mine = kept_columns(scores, *own)
+    each = [estimate(scores, columns, only_in(scores, columns, mine, mask)) for mask in masks]
+    expected = [0.0 if found is None else found.chi_square(mine) for found in each]
+    assert expected[-1] == 0 < min(expected[:-1])
+    np.testing.assert_allclose(_explained(scores, columns, mine, np.array(masks, dtype=float)), expected, rtol=1e-9)

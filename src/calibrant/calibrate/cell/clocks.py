@@ -27,7 +27,7 @@ from calibrant.calibrate.cell.problem.clocks import (
     motion_of,
 )
 from calibrant.calibrate.cell.problem.layout import Frame, Layout, variable
-from calibrant.calibrate.cell.problem.problem import Cell, cell_problem, moments_by_hand
+from calibrant.calibrate.cell.problem.problem import Cell, cell_problem
 from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.calibrate.cell.refine import LEAST_SIGMA_START, NEARLY_UNDAMPED, in_sight, kept_places, refined
 from calibrant.data.details import CameraClock, CameraClocks
@@ -81,32 +81,30 @@ def refined_with_clocks(
     cell: Cell, transforms: Mapping[Frame, Array], spread: tuple[float, float], asked: ClocksAsked
 ) -> tuple[NoiseEstimate, Cell]:
     """The fit with clocks, and what is left of the cell: with the least biased motion that the residuals do not speak
-    against by `ODDS`.
+    against by `ODDS`, chosen before anything is left out, so that all motions are asked of the same points.
 
     Raises: RefusedError where no motion tells the clocks.
     """
-    fits = [_refined(cell, transforms, spread, asked, smoothness) for smoothness in SMOOTHNESSES]
+    sigmas = cell.levels((max(spread[0], LEAST_SIGMA_START), max(spread[1], LEAST_SIGMA_START)))
+    cell, transforms = in_sight(cell, transforms)
+    at_once = estimate_noise(cell_problem(cell, transforms, sigmas), floors=cell.floors(), options=NEARLY_UNDAMPED)
+    fits = [_with_clocks(cell, at_once.solution, asked, smoothness) for smoothness in SMOOTHNESSES]
     redundancy = [noise.levels[left.pixel_group(cell.layout.root)].redundancy for noise, left in fits]
     against = [r * np.log(_level(left, noise)) for r, (noise, left) in zip(redundancy, fits)]
-    return next(fit for fit, a in zip(fits, against) if a <= min(against) + np.log(ODDS))
+    noise, left = next(fit for fit, a in zip(fits, against) if a <= min(against) + np.log(ODDS))
+    return refined(left, fitted_places(left, noise.solution), spread)
 
 
 def _level(cell: Cell, noise: NoiseEstimate) -> float:
     return noise.levels[cell.pixel_group(cell.layout.root)].sigma
 
 
-def _refined(
-    cell: Cell,
-    transforms: Mapping[Frame, Array],
-    spread: tuple[float, float],
-    asked: ClocksAsked,
-    smoothness: Smoothness,
+def _with_clocks(
+    cell: Cell, solution: Solution, asked: ClocksAsked, smoothness: Smoothness
 ) -> tuple[NoiseEstimate, Cell]:
+    """The fit once the clocks stand still, and its cell with clocks that start from there; solution: as if taken at
+    once."""
     terms = asked.terms(cell.layout)
-    sigmas = cell.levels((max(spread[0], LEAST_SIGMA_START), max(spread[1], LEAST_SIGMA_START)))
-    cell, transforms = in_sight(cell, transforms)
-    problem = cell_problem(cell, transforms, sigmas)
-    solution = estimate_noise(problem, floors=cell.floors(), options=NEARLY_UNDAMPED).solution
     at: dict[str, Array] = {camera: np.zeros(len(words)) for camera, words in terms.items()}
     level = np.inf
     for _ in range(MOST_ROUNDS):
@@ -122,8 +120,7 @@ def _refined(
         level = _level(cell, noise)
         if settled:
             break
-    clocks = Clocks(asked.times, terms, at, motions, _carried(cell, solution))
-    return refined(replace(cell, clocks=clocks), fitted_places(cell, solution), spread)
+    return noise, replace(cell, clocks=Clocks(asked.times, terms, at, motions, _carried(cell, solution)))
 
 
 def clocks_found(cell: Cell, solution: Solution) -> CameraClocks | None:
@@ -176,7 +173,7 @@ def _motions(cell: Cell, solution: Solution, times: Mapping[str, float], smoothn
     layout = cell.layout
     return {
         frame[1]: motion_of(
-            moments_by_hand(layout, cell.data, frame[1]), solution.value(variable(frame)), times, smoothness=smoothness
+            cell.moments_by_hand(frame[1]), solution.value(variable(frame)), times, smoothness=smoothness
         )
         for frame in layout.handheld
     }

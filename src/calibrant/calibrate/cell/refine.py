@@ -13,7 +13,8 @@ from calibrant.calibrate.cell.consistency import inconsistent_views
 from calibrant.calibrate.cell.fitted import fitted_cameras, fitted_places
 from calibrant.calibrate.cell.problem.groups import geometry_variable, pictures_factor
 from calibrant.calibrate.cell.problem.layout import Frame
-from calibrant.calibrate.cell.problem.problem import Cell, cell_problem, moments_by_hand
+from calibrant.calibrate.cell.problem.problem import Cell, cell_problem
+from calibrant.calibrate.cell.problem.problem import places as rows_of
 from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.calibrate.reprojection.outliers import mark
 from calibrant.errors import RefusedError, causes
@@ -87,8 +88,7 @@ def kept_places(cell: Cell, left: Cell, places: Mapping[Frame, Array]) -> dict[F
     """Where what is left of a cell starts from: of handheld targets, the moments that are still seen."""
     kept = dict(places)
     for frame in cell.layout.handheld:
-        before = moments_by_hand(cell.layout, cell.data, frame[1])
-        kept[frame] = places[frame][[before.index(m) for m in moments_by_hand(left.layout, left.data, frame[1])]]
+        kept[frame] = places[frame][rows_of(cell.moments_by_hand(frame[1]), left.moments_by_hand(frame[1]))]
     return kept
 
 

@@ -19,7 +19,8 @@ from calibrant.calibrate.cell.held_out import nearest_start
 from calibrant.calibrate.cell.noise_figures import pooled
 from calibrant.calibrate.cell.problem.groups import pictures_factor
 from calibrant.calibrate.cell.problem.layout import Frame, variable
-from calibrant.calibrate.cell.problem.problem import Cell, cell_problem, moments_by_hand
+from calibrant.calibrate.cell.problem.problem import Cell, cell_problem
+from calibrant.calibrate.cell.problem.problem import places as rows_of
 from calibrant.calibrate.cell.refine import NEARLY_UNDAMPED, refined
 from calibrant.calibrate.cell.starts.cell import LEVEL_START, CellStart
 from calibrant.calibrate.cell.starts.handheld import fewest, handheld_start
@@ -124,8 +125,10 @@ def shared_moments(cell: Cell) -> SharedMoments | None:
     names = cell.layout.cameras
     if not cell.layout.rig or len(names) < 2:
         return None
-    seen = {c: {(cell.layout.carrier(p), m) for i, p, _ in cell.lists if p.camera == c for m in cell.used_ids(i)}
-            for c in names}  # fmt: skip
+    seen: dict[str, set[tuple[str, str]]] = {c: set() for c in names}
+    for i, p, _ in cell.lists:
+        carrier = cell.layout.carrier(p)
+        seen[p.camera].update((carrier, m) for m in cell.used_ids(i))
     return SharedMoments(names, tuple(tuple(len(seen[a] & seen[b]) for b in names) for a in names))
 
 
@@ -180,8 +183,7 @@ def _places(part: Cell, cell: Cell, fit: Solution) -> dict[Frame, Array]:
     """Where a part of a cell starts from: the places of the fit of all, of handheld targets those of its moments."""
     places = fitted_places(cell, fit)
     for frame in cell.layout.handheld:
-        every = moments_by_hand(cell.layout, cell.data, frame[1])
-        places[frame] = places[frame][[every.index(m) for m in moments_by_hand(part.layout, part.data, frame[1])]]
+        places[frame] = places[frame][rows_of(cell.moments_by_hand(frame[1]), part.moments_by_hand(frame[1]))]
     return places
 
 

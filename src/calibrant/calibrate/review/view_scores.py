@@ -37,7 +37,7 @@ views share; the image stretched with the square of the distance from the princi
 POSE = 6
 _MOST_LENS_PARAMETERS = 30
 """A splined lens has hundreds, each seen in a corner of the image: its views are compared by scale and shift alone."""
-_SINGULAR = 1e-9
+SINGULAR = 1e-9
 """Eigenvalue of the scaled information below which a direction is not determined: sigma would be 30,000 times that of
 the others alone."""
 
@@ -260,7 +260,7 @@ def _inverse(A: Array) -> Array | None:
         return None
     scale = 1 / np.sqrt(d)
     values, vectors = np.linalg.eigh(A * scale[:, None] * scale)
-    if values[0] < _SINGULAR:
+    if values[0] < SINGULAR:
         return None
     scaled = vectors * scale[:, None]
     return np.asarray((scaled / values) @ scaled.T)
@@ -306,7 +306,7 @@ def estimate(
         return Estimate(value, covariance, None)
     scale = 1 / np.sqrt(np.diag(A))
     without = (A - M) * scale[:, None] * scale
-    if np.linalg.eigvalsh(without)[:, 0].min() < _SINGULAR:
+    if np.linalg.eigvalsh(without)[:, 0].min() < SINGULAR:
         return Estimate(value, covariance, None)
     left = -scale * np.linalg.solve(without, ((total - y) * scale)[:, :, None])[..., 0]
     return Estimate(value, covariance, left - value)
@@ -341,7 +341,7 @@ def own_of_views(scores: ViewScores, *names: str) -> OwnOfViews:
     # direction is 0 over 0, or rounding, and must count for nothing.
     told = d > np.finfo(float).eps * d.max(axis=0)
     scale = np.where(told, 1 / np.sqrt(np.where(told, d, 1.0)), 0.0)
-    turned = np.linalg.inv(own * scale[:, :, None] * scale[:, None, :] + _SINGULAR * np.eye(len(E)))
+    turned = np.linalg.inv(own * scale[:, :, None] * scale[:, None, :] + SINGULAR * np.eye(len(E)))
     turned *= scale[:, :, None] * scale[:, None, :]
     squares = np.einsum("ni,nij,nj->n", s, turned, s) / scores.sigma_px**2
     held = np.zeros_like(own) if inverse is None else across @ inverse @ np.swapaxes(across, 1, 2)

@@ -243,8 +243,14 @@ class Layout:
     def target(self, p: Pictures) -> str:
         """Frame of the target where it was for these pictures: a board that was moved from a table into a gripper, or
         into a hand, is two frames."""
-        places = {self._whereabouts(q) for q in self.pictures if q.target == p.target}
-        return p.target if len(places) == 1 else f"{self._whereabouts(p)}_{p.target}"
+        return f"{self._whereabouts(p)}_{p.target}" if p.target in self._elsewhere else p.target
+
+    @cached_property
+    def _elsewhere(self) -> frozenset[str]:
+        """Targets that are at several places."""
+        places = {(p.target, self._whereabouts(p)) for p in self.pictures}
+        names = [name for name, _ in places]
+        return frozenset(name for name in names if names.count(name) > 1)
 
     def _whereabouts(self, p: Pictures) -> str:
         return HANDHELD if p.handheld else self.target_parent(p)

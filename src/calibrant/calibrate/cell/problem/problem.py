@@ -109,13 +109,23 @@ class Cell:
         needed = {name for i, p in enumerate(self.layout.pictures) if robot in p.movers for name in self.used_ids(i)}
         return tuple(name for name in self.layout.robots[robot].ids if name in needed)
 
+    def moments_by_hand(self, carrier: str) -> tuple[str, ...]:
+        """Moments of a handheld target, by its frame (`moments_by_hand`)."""
+        if carrier not in self._by_hand:
+            self._by_hand[carrier] = moments_by_hand(self.layout, self.data, carrier)
+        return self._by_hand[carrier]
+
+    @cached_property
+    def _by_hand(self) -> dict[str, tuple[str, ...]]:
+        return {}
+
     def rows(self, i: int) -> dict[str, Rows]:
         """At which of its moments list i's used views saw each robot between camera and target, by the robot's name;
         or the carrier of a handheld target, by its frame."""
         p, ids = self.layout.pictures[i], self.used_ids(i)
         if p.handheld:
             carrier = self.layout.carrier(p)
-            return {carrier: places(moments_by_hand(self.layout, self.data, carrier), ids)}
+            return {carrier: places(self.moments_by_hand(carrier), ids)}
         return {robot: places(self.moments(robot), ids) for robot in p.movers}
 
     def kept(self, keep: Sequence[Mask]) -> Cell:
@@ -131,9 +141,13 @@ class Cell:
 
     def alike(self, camera: str) -> bool:
         """Whether a camera has its noise with others, that see handheld targets as it does."""
-        lists = [p.seen.views for p in self.layout.pictures if p.camera == camera and p.seen is not None]
-        by_hand = any(camera in group for group in self.layout.by_hand)
-        return by_hand and all(v.carried is None for views in lists for v in views)
+        return camera in self._alike
+
+    @cached_property
+    def _alike(self) -> frozenset[str]:
+        lists = [(p.camera, p.seen.views) for p in self.layout.pictures if p.seen is not None]
+        carried = {camera for camera, views in lists if any(v.carried is not None for v in views)}
+        return frozenset(c for group in self.layout.by_hand for c in group if c not in carried)
 
     @cached_property
     def pixel_ratios(self) -> Mapping[str, float]:
@@ -225,7 +239,7 @@ def cell_problem(
 
 def _place(cell: Cell, frame: Frame, T: Array) -> Variable:
     if frame in cell.layout.handheld:
-        labels = moments_by_hand(cell.layout, cell.data, frame[1])
+        labels = cell.moments_by_hand(frame[1])
         return Variable(variable(frame), SE3(), T, labels=labels, words=f"{frame[1]} at")
     kind = Position() if frame in cell.layout.positions else SE3()
     return Variable(variable(frame), kind, T[None], words=f"the place of {frame[1]}")

@@ -138,6 +138,10 @@ def __getattr__(name: str) -> Any:
     module, attribute = _PUBLIC[name]
     found = import_module(module)
     value = getattr(found, attribute) if attribute else found
+    if callable(value) and not isinstance(value, type) and module != "calibrant.tasks.verbs":
+        from calibrant.advice import python_door
+
+        value = python_door(value, name)
     globals()[name] = value
     return value
 

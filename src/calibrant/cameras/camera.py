@@ -89,7 +89,7 @@ class Camera:
                 unit = kind.parameter_units[kind.index(name)]
                 raise InputError(
                     f"{name} is {parameters[name]:g} {unit}; a focal length is above 0. A camera that delivers mirror "
-                    "images is used with its images flipped: --mirror-x"
+                    "images is used with its images flipped (mirror-x)"
                 )
         values = np.array([float(parameters.get(n, kind.neutral.get(n, 0.0))) for n in kind.parameter_names])
         cov = None if covariance is None else np.asarray(covariance, dtype=np.float64)

@@ -98,7 +98,7 @@ def write_text(text: str, path: str | Path, *, force: bool = False) -> Path:
     if path.is_dir():
         raise InputError(f"cannot write {path}: it is a folder; give the name of a file in it")
     if path.exists() and not force:
-        raise InputError(f"{path} exists already; give another name, or --force (force=True) to replace it")
+        raise InputError(f"{path} exists already; give another name, or force=True to replace it")
     target = Path(os.path.realpath(path))  # a link stays a link: the file behind it is replaced
     try:
         temporary, stream = draft(target)

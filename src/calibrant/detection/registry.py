@@ -28,8 +28,8 @@ def check_choice(kind: str, refinement: Refinement) -> None:
         raise InputError(f"no detector for targets of kind {kind!r}; there are detectors for: {', '.join(DETECTORS)}")
     if refinement != DEFAULT and kind not in REFINED:
         raise InputError(
-            f"--refine, --window and --zero-zone are for the corners of {' and '.join(REFINED)} targets; the points of "
-            f"{kind} are measured in their own way: leave the options out"
+            f"refinement, window and zero zone are for the corners of {' and '.join(REFINED)} targets; the points of "
+            f"{kind} are measured in their own way: leave the choice out"
         )
 
 

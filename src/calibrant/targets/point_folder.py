@@ -49,7 +49,7 @@ class PointFolder(Target):
     @property
     def points(self) -> Array:
         """Raises: InputError, as every image has points of its own."""
-        raise InputError(f"{self.spec}: its points are in the files beside the images; give images, or --observations")
+        raise InputError(f"{self.spec}: its points are in the files beside the images; give images, or observations")
 
     @property
     def point_ids(self) -> NDArray[np.int64]:

@@ -206,7 +206,7 @@ def find_start(
 def _refuse_unknown_focal_length(kind: CameraModel, fix: Sequence[str]) -> None:
     held = set(expand_fix(fix, kind)[0]) - set(kind.gauge)
     if {"fx", "fy"} & held:
-        raise InputError("to fix the focal length, give its value: --initial camera.json (initial=… in Python)")
+        raise InputError("to fix the focal length, give its value: --initial camera.json")
 
 
 def _best_of_grid(

@@ -17,7 +17,7 @@ EPIPOLAR_WARN = 1.5
 DIFFERENT = 1e-4
 """Chance of focal lengths as different of two that are the same: one of ten thousand pairs is warned of."""
 FOCAL = ("fx", "fy")
-_LEAVE_OUT = "Leave the option out (same_focal, --same-focal), or their places take up the difference"
+_LEAVE_OUT = "Leave --same-focal out, or their places take up the difference"
 FEW_POINTS = 4
 """Points of a pair that both saw, below which their relative pose is not seen in it."""
 _LISTED = 4

@@ -47,7 +47,7 @@ class Refinement:
             got = ", ".join(f"{half:g}" for half in zone)
             raise InputError(f"the zero zone is 0 px (none) to 20 px, for both axes or along x and y, got {got} px")
         if self.method == "radon" and np.any(zone > 0):
-            raise InputError("the Radon refinement has no zero zone; leave --zero-zone out, or take foerstner")
+            raise InputError("the Radon refinement has no zero zone; leave the zone out, or take foerstner")
 
 
 DEFAULT = Refinement()

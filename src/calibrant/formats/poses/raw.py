@@ -111,6 +111,6 @@ def checked_quaternions(q: Array, places: tuple[str, ...]) -> Array:
         if abs(norm - 1) > QUATERNION_NORM_TOLERANCE:
             raise InputError(
                 f"{where}: the quaternion's norm is {norm:.4g}, expected 1; if these numbers are not a "
-                "quaternion, say what they are (rotation=, --pose-rotation)"
+                "quaternion, say what they are (--pose-rotation)"
             )
     return q / norms[:, None]

@@ -1,8 +1,8 @@
 """Advice in the words of the door it is given at: `--setup` on a command line is the argument `setup` in Python.
 
 Messages, checks and result files have one spelling, that of the command line, so that every door gives the same answer.
-What Python shows is told through this file: errors of the verbs, `print(result)`, `summary()`, a notebook (`in_python`),
-and errors of the other public functions (`python_door`).
+What Python shows is told through this file: errors of the verbs, `print(result)`, `summary()`, a notebook
+(`in_python`), and errors of the other public functions (`python_door`).
 """
 
 from __future__ import annotations

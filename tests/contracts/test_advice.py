@@ -62,7 +62,10 @@ def two_views() -> calibrant.Observations:
         (lambda _: calibrant.calibrate_intrinsics(two_views(), model="auto"), "Name a model: model brown"),
         (lambda _: calibrant.calibrate_intrinsics(two_views(), fix=("focal",)), "its value: initial camera.json"),
         (lambda _: calibrant.calibrate_intrinsics(two_views(), max_error_px=1e-6), "Raise max_error_px, or"),
-        (lambda folder: calibrant.write_report(calibrant.CalibrationResult("pose", "ok"), folder / "old"), "force=True"),
+        (
+            lambda folder: calibrant.write_report(calibrant.CalibrationResult("pose", "ok"), folder / "old"),
+            "force=True",
+        ),
     ],
 )
 def test_an_error_of_a_function_names_its_arguments(

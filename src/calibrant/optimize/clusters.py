@@ -53,6 +53,8 @@ _NO_INFORMATION = 1e-9
 """Relative eigenvalue of a covariance below which a direction is held: rounding, not knowledge."""
 _OWN = 1e-6
 """A direction that a cluster determines to all but this share by itself leaves no residual there to learn from."""
+_MANY = 10
+"""Labels this many times above their number are rather sorted than listed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +115,15 @@ def square_root(covariance: Array) -> tuple[Array, Array]:
     free = values > _NO_INFORMATION * max(float(values.max(initial=0.0)), np.finfo(float).tiny)
     root = np.sqrt(values[free])
     return scale[:, None] * axes[:, free] * root, (axes[:, free] / root).T / unit
+
+
+def numbered(labels: Indices) -> Indices:
+    """Labels (N,) counted from 0 without gaps."""
+    if labels.min() < 0 or labels.max() > _MANY * len(labels):
+        return np.asarray(np.unique(labels, return_inverse=True)[1])
+    present = np.zeros(labels.max() + 1, dtype=np.int64)  # without the sorting that takes most of the time
+    present[labels] = 1
+    return (np.cumsum(present) - 1)[labels]
 
 
 def cluster_scores(rows: Array, residuals: Array, labels: Indices, *, root: Array, at: Array | None = None) -> Clusters:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -320,8 +321,9 @@ def _intrinsics_views(
     too_small: dict[str, str],
     squares: Array,
 ) -> tuple[ViewResult, ...]:
-    parts = np.split(squares, fit.stacked.offsets[1:-1])
-    typical = median(np.array([np.sqrt(part.mean()) for part in parts]))
+    parts = [squares[a:b] for a, b in pairwise(fit.stacked.offsets.tolist())]
+    offsets = fit.stacked.offsets
+    typical = median(np.sqrt(np.add.reduceat(squares, offsets[:-1]) / np.diff(offsets)))
     T = fit.solution.value("T_camera_target") if fit.T_camera_target is None else fit.T_camera_target
     place = {v.id: i for i, v in enumerate(fit.views)}
     out = []

@@ -10,19 +10,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibrant.arrays import Array, Indices
+from calibrant.arrays import Array
 from calibrant.calibrate.reprojection.factor import StackedViews
 from calibrant.calibrate.review.residuals import places
 from calibrant.cameras import CameraModel
 from calibrant.data import Check, View
 from calibrant.data.details import SharedErrors
-from calibrant.optimize.clusters import cluster_scores, clustered_covariance, influence, square_root
+from calibrant.optimize.clusters import cluster_scores, clustered_covariance, influence, numbered, square_root
 from calibrant.optimize.solution import Solution
 
 ROUNDING_PX = 1e-7
 """Residuals below are the rounding of exact data, which is not noise: nothing can be learnt from how it is shared."""
-_MANY = 10
-"""Labels this many times above their number are rather sorted than listed."""
 SAID = 1.2
 """Sigma grows by chance to about this on data without shared errors; from here on it is said."""
 
@@ -77,12 +75,3 @@ def shared_errors_check(shared: SharedErrors) -> Check:
 
 def _sigma_of(kind: CameraModel, covariance: Array) -> dict[str, float]:
     return dict(zip(kind.parameter_names, np.sqrt(np.diag(covariance)).tolist()))
-
-
-def numbered(labels: Indices) -> Indices:
-    """Labels (N,) counted from 0 without gaps."""
-    if labels.min() < 0 or labels.max() > _MANY * len(labels):
-        return np.asarray(np.unique(labels, return_inverse=True)[1])
-    present = np.zeros(labels.max() + 1, dtype=np.int64)  # without the sorting that takes most of the time
-    present[labels] = 1
-    return (np.cumsum(present) - 1)[labels]

@@ -4,8 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibrant.arrays import Array
+from calibrant.arrays import Array, Indices
 from calibrant.cameras import Camera
+
+
+def turned(T: Array, points: Array, offsets: Indices) -> Array:
+    """Points (N, 3) of views laid end to end, in their cameras' axes without the place: (3, N), R_v p.
+
+    Args: T (n, 4, 4), T_camera_target of each view; offsets (n + 1,), where its points begin. By whole axes: a product
+    of each point with its matrix takes several times as long.
+    """
+    R = np.repeat(T[:, :3, :3].reshape(-1, 9).T, np.diff(offsets), axis=1)
+    x, y, z = np.ascontiguousarray(points.T)
+    return np.stack([R[3 * i] * x + R[3 * i + 1] * y + R[3 * i + 2] * z for i in range(3)])
 
 
 def derivatives(camera: Camera, points: Array) -> tuple[Array, Array, Array]:

@@ -26,6 +26,7 @@ from calibrant.calibrate.review.view_scores import (
     lens_shift,
 )
 from calibrant.optimize.chances import chi2_tail, f_tail
+from calibrant.optimize.clusters import numbered
 
 CHANCE = 1e-3
 """One false word in a thousand boards; the chance is bounded from above, so that there are fewer."""
@@ -54,7 +55,10 @@ class BoardPoints:
 def board_points(rows: Rows, scores: ViewScores, real: tuple[str, ...]) -> BoardPoints | None:
     """The question, answered beside the faults that are real; None where there are too few views or too many points."""
     n = len(scores)
-    labels, index = np.unique(np.concatenate([v.point_ids for v in rows.views]), return_inverse=True)
+    ids = np.concatenate([v.point_ids for v in rows.views])
+    index = numbered(ids)
+    labels = np.zeros(int(index.max()) + 1, dtype=np.int64)
+    labels[index] = ids
     if n < _FEWEST_VIEWS or len(labels) > _MOST_POINTS:
         return None
     residual = scores.X[-1] if not real else _beside(scores, rows, real)
@@ -87,13 +91,13 @@ def board_points(rows: Rows, scores: ViewScores, real: tuple[str, ...]) -> Board
 def _displacements(
     rows: Rows, scores: ViewScores, residual: Array, index: Indices, points: int
 ) -> tuple[Array, tuple[Array, Array, Array], Array, Array]:
-    """J (N, 2, 2), pixels by displacements along the board's x and y; the entries of each point's information
+    """J (2, N, 2), pixels by displacements along the board's x and y; the entries of each point's information
     [[aa, ab], [ab, bb]]; turned (n, 2 points), the views' scores over its root; displacement (points, 2), metres."""
-    axes = rows.T_camera_target[rows.view, :3, :2]
-    place = scores.X[POSE - 3 : POSE]
-    a, b = (sum(place[c] * axes[:, c, k, None] for c in range(3)) for k in (0, 1))
+    counts, place = np.diff(rows.stacked.offsets), scores.X[POSE - 3 : POSE]
+    axes = np.repeat(rows.T_camera_target[:, :3, :2].reshape(-1, 6).T, counts, axis=1)
+    a, b = (place[0] * axes[k] + place[1] * axes[2 + k] + place[2] * axes[4 + k] for k in (0, 1))
     each = (a * residual, b * residual, a * a, a * b, b * b)
-    sa, sb, aa, ab, bb = (product[:, 0] + product[:, 1] for product in each)
+    sa, sb, aa, ab, bb = (product[0] + product[1] for product in each)
     Sa, Sb, AA, AB, BB = (_summed(index, w, points) for w in (sa, sb, aa, ab, bb))
     floor = 1e-9 * max(float(AA.max() + BB.max()), np.finfo(float).tiny)
     AA, BB = AA + floor, BB + floor
@@ -139,7 +143,7 @@ def _repeats(turned: Array) -> float:
 
 
 def _beside(scores: ViewScores, rows: Rows, real: tuple[str, ...]) -> Array:
-    """Residuals (N, 2) once the faults found, and the lens and the poses with them, are taken out."""
+    """Residuals (2, N) once the faults found, and the lens and the poses with them, are taken out."""
     columns, _ = kept_columns(scores, *real)
     found = estimate(scores, columns)
     if found is None:
@@ -147,9 +151,9 @@ def _beside(scores: ViewScores, rows: Rows, real: tuple[str, ...]) -> Array:
     moved = scores.X[-1] + np.tensordot(found.value, scores.X[POSE + columns], axes=1)
     out = np.empty_like(moved)
     for a, b in pairwise(rows.stacked.offsets.tolist()):
-        pose = scores.X[:POSE, a:b].reshape(POSE, -1)
-        r = moved[a:b].reshape(-1)
-        out[a:b] = (r - pose.T @ np.linalg.lstsq(pose.T, r, rcond=None)[0]).reshape(-1, 2)
+        pose = scores.X[:POSE, :, a:b].reshape(POSE, -1)
+        r = moved[:, a:b].reshape(-1)
+        out[:, a:b] = (r - pose.T @ np.linalg.lstsq(pose.T, r, rcond=None)[0]).reshape(2, -1)
     return out
 
 
@@ -163,15 +167,15 @@ def _shift_of_lens(
     for a, b in pairwise(rows.stacked.offsets.tolist()):
         at = (k + 2 * index[a:b, None] + np.arange(2)).ravel()
         where = np.concatenate([np.arange(k), at])
-        pose = scores.X[:POSE, a:b].reshape(POSE, -1).T
-        lens = scores.X[POSE + columns, a:b].reshape(k, -1).T
+        pose = scores.X[:POSE, :, a:b].reshape(POSE, -1).T
+        lens = scores.X[POSE + columns, :, a:b].reshape(k, -1).T
         m = b - a
-        dots = np.zeros((m, 2, m, 2))
-        dots[np.arange(m), :, np.arange(m)] = J[a:b]
+        dots = np.zeros((2, m, m, 2))
+        dots[:, np.arange(m), np.arange(m)] = J[:, a:b]
         block = np.column_stack([lens, dots.reshape(2 * m, 2 * m)])
         basis = np.linalg.qr(pose)[0]
         block -= basis @ (basis.T @ block)
-        r = scores.X[-1, a:b].reshape(-1)
+        r = scores.X[-1, :, a:b].reshape(-1)
         A[np.ix_(where, where)] += block.T @ block
         y[where] += block.T @ r
     before = np.linalg.solve(A[:k, :k], y[:k])

@@ -66,7 +66,8 @@ def ask_board(rows: Rows, scores: ViewScores, *, target: str | None, shaped: boo
 
     Args: target, its spec where known; shaped, whether its shape was estimated; door, the option that would do so.
     """
-    if not np.ptp(rows.stacked.points[:, 2]) <= 0.01 * np.ptp(rows.stacked.points, axis=0).max():
+    sizes = np.ptp(np.ascontiguousarray(rows.stacked.points.T), axis=1)
+    if not sizes[2] <= 0.01 * sizes.max():
         return Asked(())  # a target with depth has no sheet that could bend
     names = (STRETCH, ASKEW, SHEAR) if shaped else (BEND, STRETCH, ASKEW, SHEAR)
     radial = fault(scores, RADIAL)

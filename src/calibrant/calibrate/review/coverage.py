@@ -113,7 +113,7 @@ def covered(
         posed = [v for v in seen if (camera, v.id) in poses]
         checks = coverage_checks(coverage, _known_corners(result, camera, coverage, posed, poses))
         if posed:
-            spread = board_spread([poses[camera, v.id] for v in posed], [v.points.mean(axis=0) for v in posed])
+            spread = board_spread([poses[camera, v.id] for v in posed], _centres(posed))
             structure = (structures or {}).get(camera)
             if structure is None:
                 structure = structure_check(
@@ -124,6 +124,13 @@ def covered(
             checks += (*spread_checks(spread), structure)
         out.append(CameraCoverage(camera, size, coverage, checks))
     return tuple(out)
+
+
+def _centres(views: Sequence[View]) -> Array:
+    """The middle (n, 3) of each view's points, of all at once: NumPy's mean of one takes longer than its numbers."""
+    counts = np.array([len(v) for v in views])
+    axes = np.concatenate([v.points for v in views]).T
+    return np.add.reduceat(np.ascontiguousarray(axes), np.cumsum(counts) - counts, axis=1).T / counts[:, None]
 
 
 def _known_corners(

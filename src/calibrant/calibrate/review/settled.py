@@ -59,10 +59,10 @@ def settled_stretch(rows: Rows, scores: ViewScores, *, beside: Sequence[str] = (
 def _stepped(rows: Rows, scores: ViewScores, columns: Indices, value: Array, *, stretch: float) -> Rows:
     """The rows after a step of the lens, of the stretch and of the poses that go with all columns' step."""
     X, k = scores.X, len(scores.lens)
-    left = X[-1] + np.einsum("c,cnd->nd", value, X[POSE + columns])
+    left = X[-1] + np.tensordot(value, X[POSE + columns], axes=1)
     T = rows.T_camera_target.copy()
     for i, (a, b) in enumerate(pairwise(rows.stacked.offsets.tolist())):
-        x = -np.linalg.lstsq(X[:POSE, a:b].reshape(POSE, -1).T, left[a:b].ravel(), rcond=None)[0]
+        x = -np.linalg.lstsq(X[:POSE, :, a:b].reshape(POSE, -1).T, left[:, a:b].ravel(), rcond=None)[0]
         T[i, :3, :3] = so3.exp(x[:3]) @ T[i, :3, :3]
         T[i, :3, 3] += x[3:]
     values = np.array(rows.camera.values)

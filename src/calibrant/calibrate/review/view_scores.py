@@ -20,7 +20,7 @@ from itertools import pairwise
 import numpy as np
 
 from calibrant.arrays import Array, Indices, Mask
-from calibrant.calibrate.reprojection.derivatives import derivatives
+from calibrant.calibrate.reprojection.derivatives import derivatives, turned
 from calibrant.calibrate.reprojection.factor import StackedViews, stack
 from calibrant.calibrate.reprojection.outliers import MINIMUM_POINTS, mark
 from calibrant.calibrate.review.target_points import across, target_points
@@ -48,7 +48,7 @@ class ViewScores:
 
     columns: where each kind of column stands; lens: those of the free lens parameters, parameter_indices theirs in the
     camera; sigma_px: noise per axis; freedom: of the residuals; pixels (N, 2): where the points are seen.
-    X (6 + F, N, 2): the columns themselves, those of the pose first, each row over its relative sigma.
+    X (6 + F, 2, N): the columns themselves, those of the pose first, each row over its relative sigma.
     """
 
     camera: Camera
@@ -76,7 +76,7 @@ class Rows:
     """What `ViewScores` are made from: the used views laid end to end, and the derivatives at their points.
 
     stacked: points as the calibration has them (bent or free targets too); view (N,) of each point; weight (N,), 0 for
-    points left out; seen_from (N, 3) in the target's axes turned into the camera's, without its place; J_point
+    points left out; seen_from (3, N) in the target's axes turned into the camera's, without its place; J_point
     (N, 2, 3), J_lens (N, 2, k), residuals (N, 2), pixels (N, 2) predicted; T_camera_target (n, 4, 4); max_error_px, the
     limit that points are left out by, None for that of the residuals.
     """
@@ -120,8 +120,8 @@ def rows_at(
 ) -> Rows:
     """The rows of these points at these poses T_camera_target (n, 4, 4)."""
     view = np.repeat(np.arange(len(views)), np.diff(stacked.offsets))
-    seen_from = (T[view, :3, :3] @ stacked.points[:, :, None])[..., 0]
-    pixels, J_point, J_lens = derivatives(camera, seen_from + T[view, :3, 3])
+    seen_from = turned(T, stacked.points, stacked.offsets)
+    pixels, J_point, J_lens = derivatives(camera, (seen_from + T[view, :3, 3].T).T)
     residuals = pixels - stacked.uv
     norms = np.sqrt(np.einsum("ni,ni->n", residuals, residuals))
     finite = np.isfinite(norms) & np.isfinite(J_lens).all(axis=(1, 2))
@@ -152,20 +152,20 @@ def view_scores(rows: Rows) -> ViewScores | None:
     ends = np.cumsum([k, *names.values()])
     columns = {name: np.arange(a, b) for name, (a, b) in zip(names, pairwise(ends.tolist()))}
     columns[SHEAR] = columns[SKEW][:1]
-    # Column by column, each (N, 2): filled and multiplied several times faster than row by row.
-    X = np.empty((POSE + int(ends[-1]) + 1, len(rows.view), 2))
-    J = np.ascontiguousarray(np.moveaxis(rows.J_point, 2, 0))
+    # Column by column and axis by axis, as the derivatives lie: filled several times faster than row by row.
+    X = np.empty((POSE + int(ends[-1]) + 1, 2, len(rows.view)))
+    J = np.moveaxis(rows.J_point, (2, 1), (0, 1))
     _pose_columns(X, J, rows)
     if k_all > _MOST_LENS_PARAMETERS:
         _affine_lens_columns(X[POSE:], camera, rows.pixels)
     else:
-        X[POSE : POSE + k] = np.moveaxis(rows.J_lens, 2, 0)[free]
+        X[POSE : POSE + k] = np.moveaxis(rows.J_lens, (2, 1), (0, 1))[free]
     _own_columns(X[POSE:], columns, J, rows)
-    X[-1] = rows.residuals
+    X[-1] = rows.residuals.T
     if not np.all(rows.weight == 1.0):
-        X *= rows.weight[:, None]
+        X *= rows.weight
     if rows.stacked.whitening is not None:
-        X[:] = np.einsum("nij,qnj->qni", rows.stacked.whitening, X)
+        X[:] = np.einsum("nij,qjn->qin", rows.stacked.whitening, X)
     kept = np.add.reduceat((rows.weight > 0).astype(np.int64), rows.stacked.offsets[:-1]) >= MINIMUM_POINTS
     gram = _without_poses(_grams(X, rows.stacked.offsets))
     gram[~kept] = 0.0  # a view without points enough for its pose says nothing
@@ -185,61 +185,58 @@ def view_scores(rows: Rows) -> ViewScores | None:
 
 def _pose_columns(X: Array, J: Array, rows: Rows) -> None:
     """Turns and moves of the target seen from the camera: d pixel = J (w x p + t)."""
-    x, y, z = (_both(c) for c in rows.seen_from.T)
+    x, y, z = rows.seen_from
     X[0] = J[2] * y - J[1] * z
     X[1] = J[0] * z - J[2] * x
     X[2] = J[1] * x - J[0] * y
     X[3:POSE] = J
 
 
-def _both(values: Array) -> Array:
-    """Numbers (N,) for both axes of the image, (N, 2): laid out, products take a fraction of the time."""
-    return np.repeat(values, 2).reshape(-1, 2)
-
-
 def _affine_lens_columns(X: Array, camera: Camera, pixels: Array) -> None:
     """fx, fy, cx, cy as far as a scale and a shift of the image tell them."""
     fx, fy, cx, cy = (camera.parameters[n] for n in ("fx", "fy", "cx", "cy"))
     X[:4] = 0.0
-    X[0, :, 0], X[1, :, 1] = (pixels[:, 0] - cx) / fx, (pixels[:, 1] - cy) / fy
-    X[2, :, 0] = X[3, :, 1] = 1.0
+    X[0, 0], X[1, 1] = (pixels[:, 0] - cx) / fx, (pixels[:, 1] - cy) / fy
+    X[2, 0] = X[3, 1] = 1.0
 
 
 def _own_columns(X: Array, columns: Mapping[str, Indices], J: Array, rows: Rows) -> None:
     """What a view, the board or the shutter may have of its own."""
     counts = np.diff(rows.stacked.offsets)
     u, v = (x - rows.camera.parameters[name] for x, name in zip(rows.pixels.T, ("cx", "cy")))
-    from_centre = np.stack([u, v], axis=1)
+    from_centre = np.stack([u, v])
     zoom, centre, bend = columns[ZOOM][0], columns[CENTRE][0], columns[BEND][0]
     X[zoom] = from_centre
     X[centre : centre + 2] = 0.0
-    X[centre, :, 0] = X[centre + 1, :, 1] = 1.0
+    X[centre, 0] = X[centre + 1, 1] = 1.0
     aspect = columns[ASPECT][0]
-    X[aspect, :, 0], X[aspect, :, 1] = 0.0, from_centre[:, 1]
+    X[aspect, 0], X[aspect, 1] = 0.0, v
     points = rows.stacked.points
-    x, y = across(points[:, :2], points[:, :2].min(axis=0), points[:, :2].max(axis=0)).T
-    axis, normal = ([np.repeat(t, 2 * counts).reshape(-1, 2) for t in rows.T_camera_target[:, :3, c].T] for c in (0, 2))
+    x, y = np.ascontiguousarray(points[:, :2].T)
+    along_x, along_y = x - x.mean(), y - y.mean()
+    x, y = (across(c, c.min(), c.max()) for c in (x, y))
+    axis, normal = (np.repeat(rows.T_camera_target[:, :3, c].T, counts, axis=1) for c in (0, 2))
     out_of_plane = 1e-3 * (J[0] * normal[0] + J[1] * normal[1] + J[2] * normal[2])
     for at, height in enumerate((1 - x**2, x * y, 1 - y**2)):
-        np.multiply(out_of_plane, _both(height), out=X[bend + at])
+        np.multiply(out_of_plane, height, out=X[bend + at])
     along = J[0] * axis[0] + J[1] * axis[1] + J[2] * axis[2]
-    np.multiply(along, _both(points[:, 0] - points[:, 0].mean()), out=X[columns[STRETCH][0]])
-    np.multiply(along, _both(points[:, 1] - points[:, 1].mean()), out=X[columns[ASKEW][0]])
+    np.multiply(along, along_x, out=X[columns[STRETCH][0]])
+    np.multiply(along, along_y, out=X[columns[ASKEW][0]])
     skew, row = columns[SKEW][0], v / rows.camera.image_size[1]
     X[skew : skew + 2] = 0.0
-    X[skew, :, 0] = X[skew + 1, :, 1] = row
+    X[skew, 0] = X[skew + 1, 1] = row
     squared = u * u + v * v
     rim = max(float(squared.max()), 1.0)
-    np.multiply(from_centre, _both(squared / rim**1.5), out=X[columns[RADIAL][0]])
+    np.multiply(from_centre, squared / rim**1.5, out=X[columns[RADIAL][0]])
 
 
 def _grams(X: Array, offsets: Indices) -> Array:
     """X_v X_v^T of every view, (n, F, F)."""
     width, counts = X.shape[0], np.diff(offsets)
     if np.all(counts == counts[0]):
-        even = np.swapaxes(X.reshape(width, len(counts), -1), 0, 1)
-        return even @ np.swapaxes(even, 1, 2)
-    parts = (X[:, a:b].reshape(width, -1) for a, b in pairwise(offsets.tolist()))
+        u, v = (np.swapaxes(X[:, axis].reshape(width, len(counts), -1), 0, 1) for axis in (0, 1))
+        return u @ np.swapaxes(u, 1, 2) + v @ np.swapaxes(v, 1, 2)
+    parts = (X[:, :, a:b].reshape(width, -1) for a, b in pairwise(offsets.tolist()))
     return np.stack([part @ part.T for part in parts])
 
 

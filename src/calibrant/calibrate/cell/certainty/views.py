@@ -14,7 +14,7 @@ import numpy as np
 from calibrant.arrays import Array, Indices
 from calibrant.calibrate.cell.problem.groups import extra_variable, lens_variable, pictures_factor, robot_groups
 from calibrant.calibrate.cell.problem.problem import Cell
-from calibrant.calibrate.intrinsics.shared_errors import ROUNDING_PX, numbered
+from calibrant.calibrate.intrinsics.shared_errors import ROUNDING_PX
 from calibrant.calibrate.review.residuals import places
 from calibrant.data import View
 from calibrant.optimize import cluster_kernels
@@ -24,6 +24,7 @@ from calibrant.optimize.clusters import (
     clustered_covariance,
     corrected,
     influence,
+    numbered,
     square_root,
 )
 from calibrant.optimize.solution import Solution

@@ -192,7 +192,7 @@ def image_coverage(uv: Iterable[ArrayLike], *, image_size: tuple[int, int]) -> C
     return Coverage(counts, corner_points)
 
 
-def board_spread(T_camera_target: Sequence[Array], centres: Sequence[ArrayLike]) -> Spread:
+def board_spread(T_camera_target: Sequence[Array], centres: Sequence[ArrayLike] | Array) -> Spread:
     """Tilts and distances of the boards.
 
     Args: T_camera_target, a (4, 4) a view; centres, the middle of each view's points (3,) metres, target frame.

@@ -16,7 +16,7 @@ from calibrant.cameras import Camera
 from calibrant.cli.application import run
 from calibrant.data import CalibrationResult, RobotPoses
 from calibrant.data.result_file import read_result
-from calibrant.formats.cameras.opencv_storage import yaml_text
+from calibrant.formats.documents.opencv_storage import yaml_text
 from calibrant.geometry import se3, so3
 from calibrant.simulate.cell import poses_csv
 from calibrant.simulate.render import Look, render

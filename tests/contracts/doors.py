@@ -208,6 +208,10 @@ def _rig(files: Files) -> Options:
     return {"images": images, "target": pair["target"], "fix": pair["fix"], "reference": "side"}
 
 
+def _convert(files: Files) -> Options:
+    return {"source": files.camera, "target": files.folder / "Intr.yml", "to": "opencv", "force": True}
+
+
 CASES: Mapping[str, Callable[[Files], Options]] = {
     "detect": _detect,
     "intrinsics": _intrinsics,
@@ -225,6 +229,7 @@ CASES: Mapping[str, Callable[[Files], Options]] = {
     "projector calibrate": _projector_calibrate,
     "scan": _scan,
     "undistort": _undistort,
+    "convert": _convert,
     "verify unchanged": _verify_unchanged,
 }
 """Options by command, as Python takes them: a line for every command that gives a result."""

@@ -92,7 +92,8 @@ def collector(command: Command) -> Any:
 
     def collected(*positional: str, **values: Any) -> dict[str, Any]:
         given = iter(positional)
-        return {**values, **{f.name: tuple(given) if f.many else next(given) for f in first if f.many or positional}}
+        taken = {f.name: tuple(given) if f.many else next(given, f.default) for f in first if f.many or positional}
+        return {**values, **taken}
 
     first = [f for f in command.fields if f.option.positional]
     parameters = [_parameter(field) for field in sorted(command.fields, key=lambda f: not f.option.positional)]
@@ -109,7 +110,9 @@ def _parameter(field: Field) -> inspect.Parameter:
     if field.option.positional:
         said = Parameter(name=field.option.metavar or field.name, help=field.help, required=field.required)
         kind = inspect.Parameter.VAR_POSITIONAL if field.many else inspect.Parameter.POSITIONAL_ONLY
-        return inspect.Parameter(field.name, kind, annotation=Annotated[str if field.many else field.inner, said])
+        default = inspect.Parameter.empty if field.required or field.many else field.default
+        kept = str if field.many else field.inner
+        return inspect.Parameter(field.name, kind, default=default, annotation=Annotated[kept, said])
     said = Parameter(
         name=(field.flag, field.option.short) if field.option.short else field.flag,
         help=field.help,

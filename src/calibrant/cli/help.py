@@ -21,7 +21,8 @@ def command_help(command: Command) -> str:
     fields = command.fields
     positional = [f for f in fields if f.option.positional]
     named = [f for f in fields if not f.option.positional]
-    words = " ".join(["[OPTIONS]", *(f"[{f.option.metavar}]" if f.many else f.option.metavar for f in positional)])
+    optional = [f"[{f.option.metavar}]" if f.many or not f.required else f.option.metavar for f in positional]
+    words = " ".join(["[OPTIONS]", *optional])
     parts = [f"Usage: calibrant {command.name} {words}", _paragraphs(inspect.getdoc(command.task.Request) or "")]
     if positional:
         parts.append(_section("Arguments", [(f.option.metavar, f.help) for f in positional]))

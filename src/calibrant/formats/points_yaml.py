@@ -17,7 +17,7 @@ import numpy as np
 from calibrant.arrays import Array
 from calibrant.data import DEFAULT_CAMERA, Missed, Observations, View
 from calibrant.errors import InputError
-from calibrant.formats.cameras.opencv_storage import read_yaml
+from calibrant.formats.documents.opencv_storage import read_yaml
 from calibrant.reading.files import DOCUMENT, read_text
 from calibrant.targets.point_folder import PointFolder
 

@@ -329,6 +329,20 @@ def report(
     target_sigma: str | None = None,
     force: bool = False,
 ) -> CalibrationResult: ...
+def convert(
+    source: str | Path,
+    target: str | Path | None = None,
+    *,
+    to: str | None = None,
+    read_as: str | None = None,
+    camera: str | None = None,
+    transform: str | None = None,
+    image_size: str | None = None,
+    unit: str | None = None,
+    answer: Words = (),
+    approximate: bool = False,
+    force: bool = False,
+) -> CalibrationResult: ...
 def kinematics(
     *,
     measurements: Words,

@@ -156,7 +156,7 @@ def test_the_size_of_the_images_must_be_that_of_the_camera(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        ({"a": 1, "b": 2}, "no camera in it; its keys are 'a', 'b'; formats read: calibrant result"),
+        ({"a": 1, "b": 2}, "no camera in it; its keys are 'a', 'b'; formats read: calibrant, "),
         ([1, 2], "expected keys and values"),
         ({"fx": "wide", "fy": 1, "cx": 1, "cy": 1, "width": 2, "height": 2}, "fx is .*'wide'.*, expected numbers"),
         ({"camera_matrix": {"data": [1, 2]}, "image_width": 2, "image_height": 2}, "2 numbers, expected 9"),
@@ -187,7 +187,7 @@ def test_missing_and_binary_files_are_said(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"none\.yaml does not exist"):
         read_camera(tmp_path / "none.yaml")
     (tmp_path / "b.yaml").write_bytes(b"\xff\xd8\xff\x00")
-    with pytest.raises(InputError, match="is a binary file; expected a camera in JSON, YAML or XML"):
+    with pytest.raises(InputError, match="a binary file; expected a camera in a file of a known format"):
         read_camera(tmp_path / "b.yaml")
     (tmp_path / "v.json").write_text(json.dumps({"format": "calibrant/9"}))
     with pytest.raises(InputError, match=r"'calibrant/9'; this version .* reads 'calibrant/2' and 'calibrant/1'"):

@@ -12,8 +12,8 @@ from calibrant.cameras import Camera, camera_model
 from calibrant.data import CalibrationResult
 from calibrant.errors import InputError
 from calibrant.formats.cameras.opencv import write_intrinsics
-from calibrant.formats.cameras.opencv_storage import read_json, read_xml, read_yaml, yaml_text
 from calibrant.formats.cameras.read import read_camera
+from calibrant.formats.documents.opencv_storage import read_json, read_xml, read_yaml, yaml_text
 
 CAMERA = Camera.create(
     "brown",
@@ -81,7 +81,7 @@ def test_a_stereo_file_says_which_cameras_it_has(tmp_path: Path) -> None:
     (tmp_path / "stereo.yml").write_text(STEREO)
     with pytest.raises(InputError, match="the cameras left and right, none of them 'up'"):
         read_camera(tmp_path / "stereo.yml", image_size=(640, 480), name="up")
-    with pytest.raises(InputError, match="two camera matrices, M1 and M2"):
+    with pytest.raises(InputError, match="it holds 2 cameras, left, right; say which"):
         read_camera(tmp_path / "stereo.yml", image_size=(640, 480))
 
 
@@ -90,7 +90,7 @@ def test_the_named_camera_of_a_result_is_read(tmp_path: Path) -> None:
     both = CalibrationResult("rig", "ok", cameras={"left": CAMERA, "right": other}).write(tmp_path / "rig.json")
     assert read_camera(both, name="right").model.name == "pinhole"
     np.testing.assert_array_equal(read_camera(both, name="left").values, CAMERA.values)
-    with pytest.raises(InputError, match="a result with the cameras left, right, none of them 'up'"):
+    with pytest.raises(InputError, match="it holds the cameras left, right, none of them 'up'"):
         read_camera(both, name="up")
     alone = CalibrationResult("intrinsics", "ok", cameras={"camera": CAMERA}).write(tmp_path / "alone.json")
     np.testing.assert_array_equal(read_camera(alone, name="left").values, CAMERA.values)
@@ -159,7 +159,7 @@ def test_every_number_survives_opencv(tmp_path: Path) -> None:
         ("%YAML:1.0\n---\nK: !!opencv-matrix\n   rows: 3\n   cols: 3\n", "without dt and data"),
         ("%YAML:1.0\n---\nK: [1, 2\nx: 3\n", r"c\.yml:4: not YAML"),
         ("<opencv_storage><K>", r"c\.yml:1: not XML"),
-        ("<other/>", "the XML root is <other>, expected <opencv_storage>"),
+        ("<other/>", "XML whose root is <other>; expected a camera"),
         ("{", r"c\.yml:1: not JSON"),
     ],
 )

@@ -1,9 +1,8 @@
-"""What a camera file format is: a test of its data and a reader. One format a file; camera_files.py lists them."""
+"""What readers of camera files have in common: the camera of parameters that were read, and checks of what they say."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -25,19 +24,6 @@ _LARGEST = 1e15
 degree. What is larger still overflows before it bends anything."""
 MOST_PIXELS_A_SIDE = 1_000_000
 """A line-scan camera's pictures can be as long; no larger number is a size."""
-
-
-@dataclass(frozen=True)
-class CameraFormat:
-    """A format: `matches(data)` says whether a file's data look like it, `read(data, image_size, source)` makes the
-    camera and notes what it did not use.
-
-    image_size is (width, height) when the caller knows it, for formats that do not hold it; source names the file.
-    """
-
-    name: str
-    matches: Callable[[Mapping[str, Any]], bool]
-    read: Callable[[Mapping[str, Any], Size | None, str], Camera]
 
 
 def smallest_model(terms: Iterable[str], skew: float) -> str:

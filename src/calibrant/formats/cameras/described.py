@@ -16,7 +16,6 @@ from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.errors import InputError
 from calibrant.formats.cameras.camera_format import (
-    CameraFormat,
     Size,
     matrix_parameters,
     numbers,
@@ -199,11 +198,3 @@ def _with_sigma(camera: Camera, fields: Fields) -> Camera:
     if not np.all(np.isfinite(covariance)):
         raise InputError("parameter_sigma holds numbers that are not finite, or too large to be of use")
     return Camera.create(camera.model.name, camera.parameters, image_size=camera.image_size, covariance=covariance)
-
-
-DESCRIBED = CameraFormat(
-    "OpenCV FileStorage (camera_matrix, distortion_coefficients), ROS camera_info YAML, Kalibr camchain, named "
-    "intrinsics (fx, fy, cx, cy)",
-    is_described,
-    described_camera,
-)

@@ -19,7 +19,7 @@ from calibrant.cameras import Camera
 from calibrant.cameras.plane_distortion import TERMS
 from calibrant.data.result_file import write_text
 from calibrant.errors import InputError
-from calibrant.formats.cameras.opencv_storage import yaml_text
+from calibrant.formats.documents.opencv_storage import yaml_text
 
 _TERMS = {
     "pinhole": TERMS[:5],
@@ -32,6 +32,7 @@ _TERMS = {
     "unified": ("k1", "k2", "p1", "p2"),
 }
 """The models that OpenCV has, with its coefficients in its order: cv2.fisheye's and cv2.omnidir's (with xi) last."""
+MODELS = tuple(_TERMS)
 
 
 def is_opencvs(camera: Camera) -> bool:

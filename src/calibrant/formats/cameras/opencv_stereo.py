@@ -17,7 +17,7 @@ from calibrant.data import CalibrationResult
 from calibrant.data.details import StereoGeometry
 from calibrant.errors import InputError
 from calibrant.formats.cameras.opencv import distortion_coefficients, is_opencvs
-from calibrant.formats.cameras.opencv_storage import yaml_text
+from calibrant.formats.documents.opencv_storage import yaml_text
 from calibrant.geometry import se3, so3
 from calibrant.targets.lengths import parse_length
 
@@ -74,21 +74,27 @@ def stereo_text(result: CalibrationResult) -> str:
     return yaml_text(values)
 
 
+def is_pair(data: Mapping[str, Any]) -> bool:
+    """Whether there are two cameras in the file."""
+    return any(key in data for key in _SECOND)
+
+
 def pair_names(data: Mapping[str, Any]) -> tuple[str, str]:
     """What a stereo file calls its cameras. Raises: InputError for a file of one camera, or of none."""
-    if not any(key in data for key in _SECOND):
+    if not is_pair(data):
         keys = ", ".join(repr(str(key)) for key in list(data)[:8]) or "(none)"
         raise InputError(f"no stereo pair in it; its keys are {keys}; expected K1, D1, K2, D2, R and T")
     left, right = (str(data.get(f"camera_{number}", side)) for number, side in enumerate(_SIDES, start=1))
     return left, right
 
 
-def T_left_right(data: Mapping[str, Any]) -> Array:
+def T_left_right(data: Mapping[str, Any], *, unit_m: float | None = None) -> Array:
     """Coordinates of the right camera into the left one, metres, from X_right = R X_left + T in `T_unit`.
 
+    Args: unit_m: metres per unit of T, where the file does not say it.
     Raises: InputError where R, T or its unit is missing, or R is no rotation.
     """
-    missing = [key for key in ("R", "T", "T_unit") if key not in data]
+    missing = [key for key in ("R", "T", "T_unit") if key not in data and (key != "T_unit" or unit_m is None)]
     if missing:
         what = (
             "; OpenCV's own programs leave the unit out: add a line such as T_unit: mm" if "T_unit" in missing else ""
@@ -97,7 +103,7 @@ def T_left_right(data: Mapping[str, Any]) -> Array:
     R, t = (np.asarray(data[key], dtype=np.float64) for key in ("R", "T"))
     if R.shape != (3, 3) or t.size != 3 or not so3.is_rotation(R, tolerance=_ROUNDED):
         raise InputError(f"R {R.shape} and T {t.shape} are no rotation (3, 3) and translation of three numbers")
-    metre = parse_length(f"1{data['T_unit']}", what="T_unit")
+    metre = parse_length(f"1{data['T_unit']}", what="T_unit") if "T_unit" in data else unit_m or 1.0
     return se3.inverse(se3.make(so3.nearest(R), metre * t.ravel()))
 
 
@@ -106,7 +112,7 @@ def of_pair(data: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 
     name: as the file calls it (camera_1, camera_2), else left or right. Raises: InputError for any other.
     """
-    if not any(key in data for key in _SECOND):
+    if not is_pair(data):
         return data
     names = [str(data.get(f"camera_{number}", side)) for number, side in enumerate(_SIDES, start=1)]
     if name not in names:

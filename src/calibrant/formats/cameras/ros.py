@@ -27,12 +27,18 @@ _WRITTEN = {
 }
 """The models that ROS has: its name and its coefficients in order. image_geometry hands rational_polynomial's to OpenCV
 as they are, twelve and fourteen as well as eight."""
+MODELS = tuple(_WRITTEN)
 
 
 def write_camera_info(camera: Camera, path: str | Path, *, name: str = "camera", force: bool = False) -> Path:
-    """Write a camera as the YAML that camera_info_manager reads; rectification is the identity, P is [K 0].
+    """Write `camera_info_text`. Raises: InputError as that, or as `write_text`."""
+    return write_text(camera_info_text(camera, name=name), path, force=force)
 
-    Raises: InputError for a model that ROS does not have, or as `write_text`.
+
+def camera_info_text(camera: Camera, *, name: str = "camera") -> str:
+    """A camera as the YAML that camera_info_manager reads; rectification is the identity, P is [K 0].
+
+    Raises: InputError for a model that ROS does not have.
     """
     if camera.model.name not in _WRITTEN:
         raise InputError(
@@ -51,7 +57,7 @@ def write_camera_info(camera: Camera, path: str | Path, *, name: str = "camera",
         "rectification_matrix": _matrix_entry(np.eye(3)),
         "projection_matrix": _matrix_entry(np.concatenate([camera.K, np.zeros((3, 1))], axis=1)),
     }
-    return write_text(yaml.safe_dump(values, sort_keys=False, default_flow_style=None), path, force=force)
+    return yaml.safe_dump(values, sort_keys=False, default_flow_style=None)
 
 
 def _matrix_entry(values: np.ndarray) -> dict[str, object]:

@@ -65,7 +65,7 @@ def read_lines(text: str, source: str) -> list[Any] | None:
         parse_json(lines[0][1])
     except (json.JSONDecodeError, InputError):
         return None
-    from calibrant.formats.cameras.opencv_storage import read_json  # YAML's library: not for tables
+    from calibrant.formats.documents.opencv_storage import read_json  # YAML's library: not for tables
 
     # Lines above are left empty, so that an error names the line of the file.
     return [read_json("\n" * (i - 1) + line, source) for i, line in lines]
@@ -80,7 +80,7 @@ def read_documents(text: str, source: str) -> list[Any] | None:
     filled = [(start, part) for start, part in zip(starts, parts) if part.strip() and not part.lstrip().startswith("%")]
     if len(filled) < 2:
         return None
-    from calibrant.formats.cameras.opencv_storage import read_yaml  # YAML's library: not for tables
+    from calibrant.formats.documents.opencv_storage import read_yaml  # YAML's library: not for tables
 
     try:
         found = [read_yaml("\n" * start + part, source) for start, part in filled]

@@ -259,20 +259,20 @@ def _read_text(text: str, path: Path) -> Parsed:
 
 
 def _read_json(text: str, path: Path) -> _Data:
-    from calibrant.formats.cameras.opencv_storage import read_json  # YAML's library: not for tables
+    from calibrant.formats.documents.opencv_storage import read_json  # YAML's library: not for tables
 
     lines = read_lines(text, str(path))
     return _Data(read_json(text, str(path)) if lines is None else lines)
 
 
 def _read_yaml(text: str, path: Path) -> _Data:
-    from calibrant.formats.cameras.opencv_storage import read_yaml  # YAML's library: not for tables
+    from calibrant.formats.documents.opencv_storage import read_yaml  # YAML's library: not for tables
 
     return _Data(read_yaml(text, str(path)))
 
 
 def _read_xml(text: str, path: Path) -> _Data:
-    from calibrant.formats.cameras.opencv_storage import read_xml  # YAML's library: not for tables
+    from calibrant.formats.documents.opencv_storage import read_xml  # YAML's library: not for tables
 
     return _Data(read_xml(text, str(path)))
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from calibrant.data import CalibrationResult
 from calibrant.reports.kinds import (
+    cameras,
     doctor,
     dynamic,
     hand_eye,
@@ -46,6 +47,7 @@ KINDS: Mapping[str, Kind] = {
     "depth": depth.KIND,
     "unchanged": unchanged.KIND,
     "observations": observations.KIND,
+    "cameras": cameras.KIND,
     "pointing": pointing.KIND,
     "projector": projector.KIND,
     "scan": scan.KIND,

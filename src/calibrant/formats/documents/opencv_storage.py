@@ -79,7 +79,7 @@ def read_xml(text: str, source: str) -> dict[str, Any]:
         raise InputError(f"{source}:{error.position[0]}: not XML ({error})") from error
     if root.tag != "opencv_storage":
         raise InputError(f"{source}: the XML root is <{root.tag}>, expected <opencv_storage>")
-    _check_depth(root, source)
+    check_depth(root, source)
     twice = next((tag for tag, times in Counter(child.tag for child in root).items() if times > 1), None)
     if twice is not None:
         raise InputError(f"{source}: <{twice[:40]}> stands there twice; keep one")
@@ -89,7 +89,7 @@ def read_xml(text: str, source: str) -> dict[str, Any]:
         raise InputError(f"{source}: {error}") from error
 
 
-def _check_depth(root: ElementTree.Element, source: str) -> None:
+def check_depth(root: ElementTree.Element, source: str) -> None:
     """Raises: InputError where elements lie too deep in each other."""
     level = [root]
     for _ in range(DEEPEST):

@@ -1,0 +1,68 @@
+"""Every format of cameras, rigs, scenes and transforms: one file each, one line here.
+
+Specific formats stand before general ones: the first whose marks are in the content reads it. Modules are loaded when
+their kind of content turns up: tree (JSON, YAML, TOML, OpenCV's FileStorage), xml, text, binary, folder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import import_module
+
+from calibrant.errors import InputError
+from calibrant.formats.documents.document import Document
+from calibrant.formats.exchange.exchange_format import ExchangeFormat
+
+
+@dataclass(frozen=True)
+class Line:
+    """module: where FORMAT is, below calibrant.formats; content: the kinds of content that it can be found in; read:
+    whether it is read at all."""
+
+    module: str
+    content: tuple[str, ...] = ("tree",)
+    read: bool = True
+
+    def load(self) -> ExchangeFormat:
+        """The format."""
+        found: ExchangeFormat = import_module(f"calibrant.formats.{self.module}").FORMAT
+        return found
+
+
+FORMATS: dict[str, Line] = {
+    "calibrant": Line("cameras.calibrant_result"),
+    "opencv-stereo": Line("cameras.opencv_pair"),
+    "opencv": Line("cameras.opencv_camera"),
+    "camera-info": Line("cameras.ros_camera"),
+    "described": Line("cameras.described_file"),
+}
+"""By the name that `--to` and `--from` take."""
+
+
+def format_named(name: str) -> ExchangeFormat:
+    """The format of that name. Raises: InputError listing the names."""
+    if name not in FORMATS:
+        raise InputError(f"unknown format {name!r}; formats: {', '.join(FORMATS)}")
+    return FORMATS[name].load()
+
+
+def formats_for(document: Document) -> Iterator[tuple[str, ExchangeFormat]]:
+    """Formats that may be in such a document, in the order in which they are asked."""
+    kinds = content_of(document)
+    for name, line in FORMATS.items():
+        if line.read and kinds & set(line.content):
+            yield name, line.load()
+
+
+def content_of(document: Document) -> set[str]:
+    """Which kinds of content a document has: a tree is a text as well."""
+    if document.is_folder:
+        return {"folder"}
+    if document.text is None:
+        return {"binary"}
+    return (
+        {"text"}
+        | ({"tree"} if document.data is not None else set())
+        | ({"xml"} if document.root is not None else set())
+    )

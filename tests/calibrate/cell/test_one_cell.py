@@ -114,8 +114,10 @@ def mm(C: np.ndarray) -> float:
     return 1e3 * float(np.sqrt(np.trace(C[3:, 3:])))
 
 
-def test_a_camera_that_hand_eye_tells_poorly_and_stereo_well_has_the_sigma_of_both() -> None:
-    poses, lists = wrist(3, right=4)
+@pytest.mark.parametrize("seed", [3, pytest.param(2, marks=pytest.mark.long)])
+def test_a_camera_that_hand_eye_tells_poorly_and_stereo_well_has_the_sigma_of_both(seed: int) -> None:
+    """Of seed 2 the motion alone says the board on the table is 1.6 sigma larger; the pair knows that it is not."""
+    poses, lists = wrist(seed, right=4)
     whole = calibrate_cell(poses, lists, cameras=BOTH)
     hand_eye = calibrate_cell(poses, lists[:2], cameras=BOTH)
     stereo = calibrate_cell({}, lists[2:], cameras=BOTH)

@@ -55,7 +55,7 @@ from calibrant.calibrate.cell.problem.views import (
 from calibrant.calibrate.cell.refine import refined
 from calibrant.calibrate.cell.result import along_with_lenses, cell_result, with_images_judged
 from calibrant.calibrate.cell.rig_checks import better_start
-from calibrant.calibrate.cell.sizes import Sizes, target_sizes, with_lens_free, with_size_free
+from calibrant.calibrate.cell.sizes import Sizes, target_sizes, with_lens_free, with_sizes_free
 from calibrant.calibrate.cell.starts.cell import CellStart, cell_start
 from calibrant.calibrate.review.review import review
 from calibrant.calibrate.solvers.setup import get_setup
@@ -246,8 +246,7 @@ def fit_cell(
             noise, cell, elsewhere = better_start(whole, *refined(whole, start.transforms, start.spread))
             numbering = (*numbering, *elsewhere)
         sizes = target_sizes(cell, start.data, noise.solution)
-        told = {} if where.rig else sizes.targets  # images alone have no size of their own
-        freed = {target: (size, with_size_free(cell, noise.solution, target)) for target, size in told.items()}
+        freed = with_sizes_free(cell, noise.solution, sizes.targets)
         held = [name for name, role in cell.roles.items() if role.exact]
         loose = {name: found for name in held if (found := with_lens_free(cell, noise.solution, name)) is not None}
         noise, certainty = certain(cell, noise, freed, accuracies or {}, loose)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibrant.calibrate.cell.certainty.given_lens import freed_role
+from calibrant.calibrate.cell.certainty.size import FreeSizes
 from calibrant.calibrate.cell.fitted import fitted_places, mounting, robot_side
 from calibrant.calibrate.cell.held_out import nearest_start
 from calibrant.calibrate.cell.loop.image_poses import ImagePoses, image_poses
@@ -80,12 +81,16 @@ def _averaged(cell: Cell, loops: Mapping[int, LoopNoise], lists: Sequence[int]) 
     return Measured(float(weight @ value), float(np.sqrt(variance)))
 
 
-def with_size_free(cell: Cell, solution: Solution, target: str) -> Solution:
-    """The fit, at its values, with the size of a target one unknown more."""
-    problem = cell_problem(cell, fitted_places(cell, solution), solution.sigmas, free_sizes=(target,))
+def with_sizes_free(cell: Cell, solution: Solution, sizes: Mapping[str, Measured]) -> FreeSizes | None:
+    """The fit, at its values, with the size of every target that is told one unknown more; None for none."""
+    if cell.layout.rig or not sizes:  # images alone have no size of their own
+        return None
+    problem = cell_problem(cell, fitted_places(cell, solution), solution.sigmas, free_sizes=tuple(sizes))
     values = nearest_start(problem, solution)
     equations = problem.linearize(values, solution.sigmas)
-    return replace(solution, problem=problem, values=values, equations=equations, around=(), beside=None)
+    freed = replace(solution, problem=problem, values=values, equations=equations, around=(), beside=None)
+    one = len(cell.data) == len(sizes) == 1 and not cell.layout.touches
+    return FreeSizes(tuple(map(scale_variable, sizes)), freed, next(iter(sizes.values())) if one else None)
 
 
 def with_lens_free(cell: Cell, solution: Solution, camera: str) -> tuple[Cell, Solution] | None:

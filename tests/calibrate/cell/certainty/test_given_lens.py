@@ -9,9 +9,12 @@ import pytest
 
 import calibrant as cb
 from calibrant.calibrate.cell.certainty import given_lens
+from calibrant.calibrate.cell.certainty.doubts import doubted
 from calibrant.cameras import Camera
+from calibrant.data import Observations
 from calibrant.geometry import se3
 from calibrant.simulate.cell import Cell, make_cell, observe_cell
+from calibrant.simulate.stereo import stereo_scene
 from calibrant.simulate.truth import chi_square
 
 
@@ -60,10 +63,43 @@ def test_of_several_cameras_the_wrong_one_is_named(cell: Cell) -> None:
 def test_a_lens_that_is_off_by_little_is_doubted_by_that() -> None:
     """A centre two sigma off is beyond no test's threshold: what the cell cannot tell of it is in sigma."""
     names = ("fx", "fy", "cx", "cy")
-    off = given_lens.mean_square(0.25 * np.eye(4), np.array([0.0, 0.0, 1.0, 0.0]), names)
+    groups = given_lens.lens_groups(names)
+    off, right, wrong = (
+        doubted(0.25 * np.eye(4), np.array([0.0, 0.0, px, 0.0]), groups, given_lens.SPREADS).off
+        for px in (1.0, 0.0, 10.0)
+    )
     assert 0.1 < off[2, 2] < 0.6
     assert off[0, 0] < 0.5 * off[2, 2]
-    right = given_lens.mean_square(0.25 * np.eye(4), np.zeros(4), names)
     assert 0 < np.max(np.diag(right)) < 0.25 * 0.25
-    wrong = given_lens.mean_square(0.25 * np.eye(4), np.array([0.0, 0.0, 10.0, 0.0]), names)
     assert wrong[2, 2] == pytest.approx(100, rel=0.2)
+
+
+def _pair(seed: int, px: float = 0.0) -> tuple[Observations, dict[str, Camera], np.ndarray]:
+    """What a stereo pair saw, its lenses as exact with the left centre this far off, and where the right one is."""
+    scene = stereo_scene(seed)
+    lenses = {name: replace(camera, covariance=None) for name, camera in scene.cameras.items()}
+    values = np.array(lenses["left"].values)
+    values[lenses["left"].model.parameter_names.index("cx")] += px
+    return scene.observations, lenses | {"left": replace(lenses["left"], values=values)}, scene.T_left_right
+
+
+def test_lenses_of_a_rig_that_agree_cost_nothing() -> None:
+    """With lenses known to next to nothing, which nobody doubts, the sigma is the same."""
+    seen, lenses, _ = _pair(1)
+    known = {
+        name: replace(camera, covariance=np.diag(np.full(len(camera.values), 1e-14))) for name, camera in lenses.items()
+    }
+    exact, undoubted = (
+        cb.calibrate_rig(seen, cameras=cameras).transform("left", "right") for cameras in (lenses, known)
+    )
+    assert exact.covariance is not None
+    assert undoubted.covariance is not None
+    assert np.sqrt(np.diag(exact.covariance)) == pytest.approx(np.sqrt(np.diag(undoubted.covariance)), rel=0.03)
+
+
+def test_a_wrong_lens_of_a_rig_is_named_and_sigma_holds_it() -> None:
+    seen, lenses, T = _pair(1, px=4.0)
+    result = cb.calibrate_rig(seen, cameras=lenses)
+    assert {c.status for c in result.checks if c.name.startswith("given-lens")} == {"warn"}
+    right = result.transform("left", "right")
+    assert chi_square(se3.local(T, right.matrix), right.covariance) < 22.5

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 import calibrant as cb
+from calibrant.calibrate.cell.certainty import size
+from calibrant.calibrate.cell.certainty.doubts import doubted
 from calibrant.calibrate.cell.certainty.size import size_doubt
 from calibrant.data import Measured
 from calibrant.geometry import se3
@@ -22,6 +24,17 @@ def test_a_size_that_agrees_is_hardly_doubted_and_one_that_does_not_is_off_by_wh
     assert np.sqrt(size_doubt(Measured(1.1, 1e-3))) == pytest.approx(0.1, rel=0.1)
     doubts = [size_doubt(Measured(1 + k * 1e-4, 1e-3)) for k in range(60)]
     assert np.all(np.diff(doubts) > 0)
+
+
+def test_a_size_is_doubted_by_all_that_tell_it() -> None:
+    """Two boards, both of them two sigma larger by the motion and alike to a fifth of that by the cameras."""
+    sigma, alike = 5e-4, 1e-4
+    C = sigma**2 * np.array([[1.0, 1 - alike**2 / sigma**2 / 2], [1 - alike**2 / sigma**2 / 2, 1.0]])
+    both = doubted(C, np.full(2, 2 * sigma), size.size_groups(2), size.SPREADS).off
+    alone = size_doubt(Measured(1 + 2 * sigma, sigma))
+    assert np.all(np.diag(both) < 0.2 * alone)
+    apart = doubted(C, np.array([2 * sigma, 2 * sigma + 6 * alike]), size.size_groups(2), size.SPREADS).off
+    assert np.sqrt(apart[1, 1]) > 3 * alike
 
 
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])

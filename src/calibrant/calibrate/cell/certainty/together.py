@@ -42,10 +42,13 @@ class MomentErrors:
     times: float
 
 
-def moment_errors(cell: Cell, solution: Solution, *, sigma_px: float) -> MomentErrors | None:
+def moment_errors(
+    cell: Cell, solution: Solution, *, sigma_px: float, doubts: Array | float = 0.0
+) -> MomentErrors | None:
     """What moments share, in the covariance of a rig's unknowns; None for exact data, and too few moments.
 
-    solution: with what was added before. sigma_px: the noise of the points.
+    solution: with what was added before; doubts (s, s): what of that no moment shares. sigma_px: the noise of the
+    points.
     """
     plain = solution.plain
     frames = _tied(cell)
@@ -61,7 +64,9 @@ def moment_errors(cell: Cell, solution: Solution, *, sigma_px: float) -> MomentE
     there = float(np.mean([_grown(plain, solution, f) for f in frames]))
     more = max(needed / there - 1, 0.0)
     whole = plain.shared_covariance if solution.beside is None else plain.shared_covariance + solution.beside
-    return MomentErrors(more * whole, float(np.sqrt(max(needed, there))))
+    shared = solution if solution.beside is None else plain.with_beside(solution.beside - doubts)
+    said = max(needed, float(np.mean([_grown(plain, shared, f) for f in frames])))
+    return MomentErrors(more * whole, float(np.sqrt(said)))
 
 
 def _by_hand(cell: Cell) -> list[int]:

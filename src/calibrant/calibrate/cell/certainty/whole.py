@@ -15,13 +15,12 @@ from calibrant.calibrate.cell.certainty.lens import LensShift, along_with, lens_
 from calibrant.calibrate.cell.certainty.moved import Moved, moved
 from calibrant.calibrate.cell.certainty.neighbours import ODDS, NeighbourErrors, shared_errors
 from calibrant.calibrate.cell.certainty.pose_errors import pose_errors
-from calibrant.calibrate.cell.certainty.size import size_shares
+from calibrant.calibrate.cell.certainty.size import FreeSizes, size_shares
 from calibrant.calibrate.cell.certainty.together import MomentErrors, moment_errors
 from calibrant.calibrate.cell.certainty.views import lens_shares
-from calibrant.calibrate.cell.problem.groups import lens_variable, robot_groups, scale_variable
+from calibrant.calibrate.cell.problem.groups import lens_variable, robot_groups
 from calibrant.calibrate.cell.problem.layout import poses_variable, variable
 from calibrant.calibrate.cell.problem.problem import Cell
-from calibrant.data import Measured
 from calibrant.data.details import ArmError
 from calibrant.optimize.noise import NoiseEstimate
 from calibrant.optimize.solution import Solution
@@ -52,27 +51,24 @@ class Certainty:
 def certain(
     cell: Cell,
     noise: NoiseEstimate,
-    sizes: Mapping[str, tuple[Measured, Solution]],
+    sizes: FreeSizes | None,
     accuracies: Mapping[str, RobotAccuracy],
     freed: Mapping[str, tuple[Cell, Solution]],
 ) -> tuple[NoiseEstimate, Certainty]:
     """The estimate with its whole covariance, and what was added to it.
 
-    sizes: of targets, by the robots' motion, each with the fit that has it free; accuracies: of robots, where told;
+    sizes: the fit that has the sizes of targets free that the robots' motion tells; accuracies: of robots, where told;
     freed: by camera whose lens was given as exact, the cell and its fit that have it free.
     """
     solution = noise.solution
     there = {v.name for v in solution.problem.variables}
     poses = _by_poses(cell, solution, accuracies)
     beside: Array = poses.told + sum(found.covariance for found in poses.shared.values())
-    for target, (size, with_size) in sizes.items():
-        beside = beside + size_shares(solution, with_size, scale_variable(target), size)
-    doubts: dict[str, LensDoubt] = {}
-    for name, (other, with_lens) in freed.items():
-        doubt = lens_doubt(other, solution, with_lens, name, sigma_px=cell.pixel_level(noise.levels, name).sigma)
-        if doubt is not None:
-            doubts[name] = doubt
-            beside = beside + doubt.covariance
+    if sizes is not None:
+        beside = beside + size_shares(solution, sizes)
+    doubts = _lens_doubts(cell, noise, freed)
+    doubted = sum((doubt.covariance for doubt in doubts.values()), start=np.zeros_like(beside))
+    beside = beside + doubted
     lenses: dict[str, LensShift] = {}
     # A rig has no arm that errs smoothly: what its moments share is asked by itself, below.
     arm = 0.0 if cell.layout.rig else ODDS / (1 + ODDS)
@@ -89,11 +85,23 @@ def certain(
     moments: MomentErrors | None = None
     if cell.layout.by_hand:
         level = noise.levels[cell.pixel_group(cell.layout.by_hand[0][0])].sigma
-        moments = moment_errors(cell, solution.with_beside(beside), sigma_px=level)
+        moments = moment_errors(cell, solution.with_beside(beside), sigma_px=level, doubts=doubted)
         beside = beside if moments is None else beside + moments.covariance
     # The lens is compared without it: what the photos have elsewhere is not the less so for an arm that may do it.
     beside = beside + sum(own.covariance for own in poses.geometries.values())
     return replace(noise, solution=solution.with_beside(beside)), Certainty(poses, lenses, doubts, moments)
+
+
+def _lens_doubts(cell: Cell, noise: NoiseEstimate, freed: Mapping[str, tuple[Cell, Solution]]) -> dict[str, LensDoubt]:
+    """What is said of the lenses that were given as exact, by camera."""
+    hanging = [name for group in cell.layout.by_hand for name in group if name in freed]
+    doubts: dict[str, LensDoubt] = {}
+    for name, (other, with_lens) in freed.items():
+        sigma_px, many = cell.pixel_level(noise.levels, name).sigma, len(hanging) if name in hanging else 0
+        doubt = lens_doubt(other, noise.solution, with_lens, name, sigma_px=sigma_px, hanging=many)
+        if doubt is not None:
+            doubts[name] = doubt
+    return doubts
 
 
 def _by_poses(cell: Cell, solution: Solution, accuracies: Mapping[str, RobotAccuracy]) -> ByPoses:

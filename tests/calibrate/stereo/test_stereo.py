@@ -17,7 +17,7 @@ from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Observations
 from calibrant.data.details import EpipolarErrors, StereoGeometry, TriangulatedEdges
 from calibrant.errors import InputError
-from calibrant.geometry import se3
+from calibrant.geometry import se3, so3
 from calibrant.simulate.scenes import grid, standard_camera
 from calibrant.simulate.stereo import StereoScene, stereo_scene
 
@@ -88,6 +88,26 @@ def test_an_epipolar_error_is_a_distance_in_undistorted_pixels(scene: StereoScen
     assert (found.rms_px, found.min_px, found.max_px) == pytest.approx((0.7, 0.7, 0.7))
     assert found.expected_px == pytest.approx(0.5)
     assert fundamental(eye, eye, T)[1, 2] == pytest.approx(-fundamental(eye, eye, T)[2, 1])
+
+
+def test_what_noise_makes_of_epipolar_errors_with_a_small_and_a_large_image_and_a_wide_lens() -> None:
+    """A camera of a fifth of the other's resolution, turned and bent: rms of errors of true points with noise."""
+    large = Camera.create("pinhole", {"fx": 1500.0, "fy": 1500.0, "cx": 640.0, "cy": 480.0}, image_size=(1280, 960))
+    lens = {"fx": 300.0, "fy": 300.0, "cx": 160.0, "cy": 120.0, "k1": -0.3, "k2": 0.0, "p1": 0.0, "p2": 0.0, "k3": 0.0}
+    small = Camera.create("brown", lens, image_size=(320, 240))
+    T = se3.make(so3.exp([0.05, 0.2, -0.1]), [0.1, 0.01, 0.02])
+    points = se3.apply(se3.make(so3.exp([0.3, -0.4, 0.1]), [-0.15, -0.1, 0.8]), grid(40, 30, 0.008))
+    rng, sigma = np.random.default_rng(1), (0.05, 0.04)
+    views = [
+        cb.View(side, points, uv + s * rng.normal(size=uv.shape), np.arange(len(uv)), side, moment="0")
+        for side, s, uv in zip(
+            ("left", "right"), sigma, (large.project(points), small.project(se3.apply(se3.inverse(T), points)))
+        )
+    ]
+    found = epipolar_errors(seen_by_both(views[:1], views[1:]), large, small, T, sigma_px=sigma)
+    assert found is not None
+    assert found.rms_px == pytest.approx(found.expected_px, rel=0.05)
+    assert found.expected_px > 2 * np.hypot(*sigma)
 
 
 def test_the_noise_of_both_images_makes_the_epipolar_errors(result: CalibrationResult) -> None:

@@ -12,11 +12,13 @@ from calibrant.cameras import Camera
 from calibrant.data import View
 from calibrant.data.details import EpipolarErrors, PairErrors
 from calibrant.geometry import se3
-from calibrant.geometry.projective import epipolar_distance, fundamental_from_transform
+from calibrant.geometry.projective import epipolar_distance, epipolar_lines, fundamental_from_transform
 from calibrant.geometry.triangulation import refine_points, triangulate
 
 STEEPEST = float(np.cos(np.deg2rad(85)))
 """Rays further from the axis have no undistorted pixel that says anything: it runs off to infinity at 90 degrees."""
+_STEP = 0.25
+"""Pixels: small beside what a lens changes over, large beside the rounding of its inverse."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,17 +67,23 @@ def epipolar_errors(
 ) -> EpipolarErrors | None:
     """How far each point lies from the line of its partner, in both images; None where no pair has a point.
 
-    sigma_px: noise per axis of each camera: with lines of like scale, a distance is off by both.
+    sigma_px: noise per axis of each camera. A distance is off by that of both points, each as its lens and the scale
+    of the two images carry it: a small image's tenth of a pixel is half a pixel in a large one.
     """
     F = fundamental(left, right, T_left_right)
     found: dict[str, PairErrors] = {}
-    every = []
+    every, expected = [], []
     for pair in pairs:
         a, b = undistorted(left, pair.uv_left), undistorted(right, pair.uv_right)
         ok = np.all(np.isfinite(a) & np.isfinite(b), axis=1)
         if not ok.any():
             continue
         a, b = a[ok], b[ok]
+        noise = [
+            sigma * _stretch(camera, uv[ok])
+            for camera, uv, sigma in zip((left, right), (pair.uv_left, pair.uv_right), sigma_px)
+        ]
+        expected += [_variance(F.T, b, a, *noise[::-1]), _variance(F, a, b, *noise)]
         in_left, in_right = epipolar_distance(F.T, b, a), epipolar_distance(F, a, b)
         both = np.concatenate([in_left, in_right])
         every.append(both)
@@ -89,7 +97,26 @@ def epipolar_errors(
         )
     if not every:
         return None
-    return EpipolarErrors(*_spread(np.concatenate(every)), float(np.hypot(*sigma_px)), found)
+    made = float(np.sqrt(np.nanmean(np.concatenate(expected))))
+    return EpipolarErrors(*_spread(np.concatenate(every)), made, found)
+
+
+def _stretch(camera: Camera, uv: Array) -> Array:
+    """Derivative (n, 2, 2) of `undistorted` by the pixel, by central differences."""
+    moved = [undistorted(camera, uv + step) - undistorted(camera, uv - step) for step in _STEP * np.eye(2)]
+    return np.stack(moved, axis=-1) / (2 * _STEP)
+
+
+def _variance(F_b_a: Array, a: Array, b: Array, noise_a: Array, noise_b: Array) -> Array:
+    """Variance (n,) of `epipolar_distance(F_b_a, a, b)` of points on their lines; noise (n, 2, 2): roots of the points'
+    covariances. The distance is u_b^T F u_a / |(F u_a)_12|, so that it changes by (F^T u_b)_12 and (F u_a)_12 over that.
+    """
+    by_b = epipolar_lines(F_b_a, a)[:, :2]
+    slope = np.linalg.norm(a @ F_b_a[:2, :2].T + F_b_a[:2, 2], axis=1, keepdims=True)
+    by_a = (b @ F_b_a[:2, :2] + F_b_a[2, :2]) / slope
+    return np.asarray(
+        sum(np.sum(np.einsum("ni,nij->nj", d, root) ** 2, axis=1) for d, root in ((by_a, noise_a), (by_b, noise_b)))
+    )
 
 
 def _spread(values: Array) -> tuple[float, float, float]:

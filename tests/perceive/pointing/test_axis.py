@@ -50,6 +50,16 @@ def test_a_colour_is_found_by_its_hue() -> None:
         find_axis(image[..., 0], hues_deg=(100, 140))
 
 
+def test_what_the_pictures_edge_cuts_off_is_no_pointer() -> None:
+    """A strip of dark wall along the upper edge, longer than the stick, which comes in from below."""
+    image = _picture((20, 20, 20), np.array([[200.0, 60.0], [230.0, 310.0]]))
+    cv2.fillConvexPoly(image, np.array([[0, 0], [390, 0], [0, 45]], np.int32), (30, 30, 30))
+    assert _off(find_axis(image).points, np.array([[200.0, 60.0], [230.0, 310.0]])) < 0.3
+    image[70:] = 200
+    with pytest.raises(InputError, match="no pointer was found"):
+        find_axis(image)
+
+
 def test_how_far_it_stands_out_is_told() -> None:
     image = np.full((300, 400), 200, np.uint8)
     image[40:50, 40:340] = 20

@@ -1,7 +1,8 @@
 """The axis of a pointer in a picture: the middle line of its longest elongated part, or of that of a colour.
 
 Parts are what lies above or below Otsu's threshold, or within a range of hues. A part is a pointer where it is
-`ELONGATED` times as long as wide; its middle line is fitted to the middles of its cross sections.
+`ELONGATED` times as long as wide and does not run along the picture's edge; its middle line is fitted to the middles of
+its cross sections.
 """
 
 from __future__ import annotations
@@ -20,6 +21,9 @@ ELONGATED = 5.0
 """Length over width: a finger has about this, a pencil 20; hands, boards and shadows of heads have less."""
 SHORTEST_PX = 20.0
 """A shorter part leaves a line less certain than 2 deg at half a pixel."""
+ALONG_EDGE = 0.5
+"""Part of its length that a pointer may have on the picture's edge: more is what the edge cuts off, a strip of wall
+beside a table say. A pointer comes in across the edge, by its width."""
 _ENDS = 0.1
 """Part of the length at each end that is left out: tips are pointed, and ends are cut off askew."""
 _LEAST_SATURATION, _LEAST_VALUE = 0.3, 0.15
@@ -86,6 +90,7 @@ def _by_hue(image: NDArray[Any], hues_deg: tuple[float, float]) -> Mask:
 
 def _elongated(mask: Mask) -> list[tuple[float, Array]]:
     """Length and pixels (n, 2) of every connected part that is elongated."""
+    last = np.array(mask.shape[::-1]) - 1
     clean = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(clean)
     out = []
@@ -97,7 +102,8 @@ def _elongated(mask: Mask) -> list[tuple[float, Array]]:
         points = np.stack([columns + x, rows + y], axis=1).astype(np.float64)
         # A bar of length L has a variance of L^2 / 12 along it.
         spread = np.sqrt(12 * np.linalg.eigvalsh(np.cov(points.T) + np.eye(2) / 12)) if area > 2 else np.ones(2)
-        if spread[1] >= SHORTEST_PX and spread[1] >= ELONGATED * spread[0]:
+        on_edge = np.count_nonzero(np.any((points == 0) | (points == last), axis=1))
+        if spread[1] >= SHORTEST_PX and spread[1] >= ELONGATED * spread[0] and on_edge <= ALONG_EDGE * spread[1]:
             out.append((float(spread[1]), points))
     return out
 

@@ -50,6 +50,19 @@ def test_processes(images: Path) -> None:
     assert_same_as_here(images, 2)
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("guarded", [False, True], ids=["plain", "guarded"])
+def test_a_script_with_or_without_the_line_that_guards_it(images: Path, tmp_path: Path, guarded: bool) -> None:
+    """A script that stands in no function asks for processes; they do not run what it did before."""
+    work = f"print(len(detect({str(images)!r}, target={TARGET!r}, workers=2).views))"
+    lines = ["from calibrant.detection import detect", "print('once')"]
+    lines = [lines[0], "if __name__ == '__main__':", f"    {lines[1]}", f"    {work}"] if guarded else [*lines, work]
+    script = tmp_path / "mine.py"
+    script.write_text("\n".join(lines) + "\n")
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stdout.split()) == (0, ["once", "4"]), done.stderr
+
+
 def test_dask(images: Path) -> None:
     distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install 'calibrant[fleet]'")
     with distributed.LocalCluster(

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, wait
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from calibrant.cancel import checkpoint, undisturbed
@@ -57,7 +59,7 @@ def executor_for(workers: int | str | Executor | None, count: int) -> Iterator[E
     pool = ProcessPoolExecutor(min(number, count), mp_context=spawn, initializer=serve, initargs=(leash,))
     try:
         # A process that is interrupted while it is started is half of one.
-        with undisturbed() as told, _deaf():
+        with undisturbed() as told, _deaf(), _without_script():
             # The first starts all of them. One by one, on a busy machine, the first may have answered before the
             # second is asked for, which is then started later, and not deaf.
             pool._safe_to_dynamically_spawn_children = False  # type: ignore[attr-defined]
@@ -105,6 +107,32 @@ def _deaf() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _without_script() -> Iterator[None]:
+    """Processes that start inside do not run the user's script where that has no `if __name__ == "__main__":`.
+
+    They would run it from its first line on, files written and all, until they ask for processes themselves and fail.
+    What they are given stands in this package. A script that has the line is run, as Python does: targets and models
+    of the user's own may stand in it.
+    """
+    main = sys.modules["__main__"]
+    file = getattr(main, "__file__", None)
+    try:
+        guarded = file is None or b"__main__" in Path(file).read_bytes()
+    except OSError:
+        guarded = True
+    if guarded:
+        yield
+        return
+    spec = main.__spec__
+    del main.__file__
+    main.__spec__ = None
+    try:
+        yield
+    finally:
+        main.__file__, main.__spec__ = file, spec
 
 
 def _nothing() -> None:

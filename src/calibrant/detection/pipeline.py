@@ -222,16 +222,16 @@ def _run(
 def _none_found(done: Sequence[ImageDetection], target: Target, mirror_x: bool) -> DetectionError:
     """Why no image shows the target, in words."""
     readable = [d for d in done if d.size is not None]
-    mirrored = _found_mirrored([d.file for d in readable], target, mirror_x)
-    return DetectionError(_why_none(readable, target, len(done)) + mirrored)
+    if _found_mirrored([d.file for d in readable], target, mirror_x):
+        # What it looks like otherwise is a chance likeness of the mirror image.
+        option = "leave --mirror-x out" if mirror_x else "give --mirror-x"
+        return DetectionError(f"0 of {len(done)} boards found; the board is seen in the mirror image: {option}")
+    return DetectionError(_why_none(readable, target, len(done)))
 
 
-def _found_mirrored(files: Sequence[Path], target: Target, mirror_x: bool) -> str:
-    """A sentence to add where the first images show the target in the mirror."""
-    looks = [detect_file(file, target, not mirror_x) for file in files[:MIRRORED_LOOKS]]
-    if not any(d.detection.found for d in looks):
-        return ""
-    return "; it is seen in the mirror image: " + ("leave --mirror-x out" if mirror_x else "give --mirror-x")
+def _found_mirrored(files: Sequence[Path], target: Target, mirror_x: bool) -> bool:
+    """Do the first images show the target in the mirror?"""
+    return any(detect_file(file, target, not mirror_x).detection.found for file in files[:MIRRORED_LOOKS])
 
 
 def _common_size(done: Sequence[ImageDetection]) -> tuple[int, int]:

@@ -164,7 +164,12 @@ class RigPictures:
         )
         beside = tuple(other for other in self.specs[camera].values() if other != spec)
         return Source(
-            target=spec, search=search, refinement=self.corners.refinement(), listener=self.listener, beside=beside
+            target=spec,
+            search=search,
+            refinement=self.corners.refinement(),
+            listener=self.listener,
+            beside=beside,
+            mirror_option=f"--mirror {camera}",
         )
 
     def _points_of(self, file: Path) -> Observations:

@@ -143,6 +143,7 @@ def pictures_of(
             search=SearchOptions(mirror_x=side in mirrored, workers=search.workers, cache=search.cache),
             refinement=corners.refinement(),
             listener=listener,
+            mirror_option=f"--mirror-{side}",
         )
         for side in SIDES
     }

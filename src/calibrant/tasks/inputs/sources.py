@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 _LISTED = 6
 """Names a message lists before it stops with an ellipsis."""
+MIRROR_X = "--mirror-x"
+"""What flips images where a command has one camera."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,8 @@ class Source:
     listener: Listener = SILENT
     beside: tuple[str, ...] = ()
     """Other boards that the photos show too."""
+    mirror_option: str = MIRROR_X
+    """What flips this camera's images, as the command that asks has it."""
 
     @classmethod
     def of(
@@ -101,16 +105,13 @@ class Source:
         executor: where several sources are searched by one; else as the options say.
         """
         if self.observations is None:
-            return session.detect_boards(
-                files,
-                self.target or "",
-                mirror_x=self.search.mirror_x,
-                workers=executor or self.search.workers,
-                cache=self.search.cache,
-                refinement=self.refinement,
-                listener=self.listener,
-                beside=self.beside,
-            )
+            try:
+                return self._search(files, executor)
+            except InputError as error:
+                said = str(error)
+                if MIRROR_X not in said or self.mirror_option == MIRROR_X:
+                    raise
+                raise type(error)(said.replace(MIRROR_X, self.mirror_option)) from error
         from calibrant.data.result_file import read_observations
 
         found = read_observations(self.observations)
@@ -122,6 +123,18 @@ class Source:
             found,
             views=tuple(v for v in found.views if keep[v.id]),
             missed=tuple(m for m in found.missed if keep[m.id]),
+        )
+
+    def _search(self, files: Sequence[Path], executor: Executor | None) -> Observations:
+        return session.detect_boards(
+            files,
+            self.target or "",
+            mirror_x=self.search.mirror_x,
+            workers=executor or self.search.workers,
+            cache=self.search.cache,
+            refinement=self.refinement,
+            listener=self.listener,
+            beside=self.beside,
         )
 
     def look_again(self, found: Observations, camera: Camera) -> Observations:

@@ -43,12 +43,19 @@ def test_sigmas_agree_with_differences_of_the_chart() -> None:
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_gimbal_lock_gives_angles_that_rebuild_the_rotation_and_no_sigma(sign: int) -> None:
-    R = Rotation.from_euler("ZYX", [40, 90 * sign, 0], degrees=True).as_matrix()
-    figures = yaw_pitch_roll_figures(as_transform("a", "b", se3.make(R, np.zeros(3)), np.eye(6)))
+@pytest.mark.parametrize("off", [0.0, 2e-4])
+def test_gimbal_lock_gives_angles_that_rebuild_the_rotation_and_roll_no_sigma(sign: int, off: float) -> None:
+    """At 90 deg of pitch, and within the rotation's uncertainty of it, where yaw alone would be known to 80 deg."""
+    R = so3.exp([off, 0, 0]) @ Rotation.from_euler("ZYX", [40, 90 * sign, 0], degrees=True).as_matrix()
+    C = np.diag(np.array([3e-4, 2e-4, 1e-4, 0, 0, 0]) ** 2)
+    figures = yaw_pitch_roll_figures(as_transform("a", "b", se3.make(R, np.zeros(3)), C))
     rebuilt = so3.exp([0, 0, np.deg2rad(figures[0].value)]) @ so3.exp([0, np.deg2rad(figures[1].value), 0])
-    np.testing.assert_allclose(rebuilt, R, atol=1e-9)
-    assert all(f.sigma is None for f in figures)
+    np.testing.assert_allclose(rebuilt, R, atol=off + 1e-9)
+    yaw, pitch, roll = (f.sigma for f in figures)
+    assert roll is None
+    assert yaw == pytest.approx(np.rad2deg(1e-4))
+    turned = np.hypot(3e-4 * np.sin(np.deg2rad(figures[0].value)), 2e-4 * np.cos(np.deg2rad(figures[0].value)))
+    assert pitch == pytest.approx(np.rad2deg(turned))
 
 
 def test_methods_are_measured_from_the_joint_refinement(hand_eye_result: Callable[[str], CalibrationResult]) -> None:

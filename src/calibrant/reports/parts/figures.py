@@ -19,6 +19,9 @@ MOST_LISTED = 24
 """Parameters in a list that is still read; the largest model of named terms has 18."""
 _GIMBAL_COSINE = 1e-6
 """Below this cosine of the pitch, yaw and roll turn about the same axis and have no uncertainty of their own."""
+_GIMBAL_UNSURE = 0.05
+"""So they do where the pitch is 90 deg within one sigma of the rotation, if that is no more than this, radians: yaw
+would be known to a radian at best."""
 
 
 @dataclass(frozen=True)
@@ -99,14 +102,18 @@ def yaw_pitch_roll_figures(estimate: TransformEstimate) -> list[Figure]:
     """Yaw, pitch, roll in degrees, R = Rz(yaw) Ry(pitch) Rx(roll), with their sigma.
 
     omega = yaw' e_z + pitch' Rz e_y + roll' Rz Ry e_x gives the rates, hence the sigma; at pitch = ±90 deg yaw and roll
-    cannot be told apart: roll is set to 0 and no sigma is given.
+    cannot be told apart: roll is set to 0 and has no sigma. So it is where the pitch is 90 deg within the uncertainty,
+    as of tags on the sides of a box.
     """
     R = estimate.matrix[:3, :3]
     cosine = float(np.hypot(R[0, 0], R[1, 0]))
     pitch = float(np.arctan2(-R[2, 0], cosine))
-    if cosine < _GIMBAL_COSINE:
+    unsure = 0.0 if estimate.covariance is None else float(np.sqrt(np.linalg.norm(estimate.covariance[:3, :3], 2)))
+    if cosine < max(_GIMBAL_COSINE, min(unsure, _GIMBAL_UNSURE)):
         yaw, roll = float(np.arctan2(-R[0, 1], R[1, 1])), 0.0
-        sigma: list[float | None] = [None, None, None]
+        pitch = float(np.arctan2(-R[2, 0], R[0, 0] * np.cos(yaw) + R[1, 0] * np.sin(yaw)))  # beyond 90 deg, too
+        axes = np.array([[0, 0, 1], [-np.sin(yaw), np.cos(yaw), 0]])
+        sigma: list[float | None] = [*_propagated(np.rad2deg(axes), estimate), None]
     else:
         yaw, roll = float(np.arctan2(R[1, 0], R[0, 0])), float(np.arctan2(R[2, 1], R[2, 2]))
         cy, sy = np.cos(yaw), np.sin(yaw)

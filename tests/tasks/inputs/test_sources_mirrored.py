@@ -34,7 +34,7 @@ def test_the_mirror_image_is_the_reason_and_the_option_is_the_commands(mirrored:
 
 def test_of_several_cameras_it_is_that_of_the_camera(mirrored: Path) -> None:
     other = mirrored.parent.parent / "upright"
-    with pytest.raises(DetectionError, match="camera top: .* in the mirror image: give mirror top"):
+    with pytest.raises(DetectionError, match=r"camera top: .* in the mirror image: give mirror top"):
         cb.rig(images={"side": other, "top": mirrored.parent}, target=TARGET)
-    with pytest.raises(DetectionError, match="camera right: .* in the mirror image: give mirror_right"):
+    with pytest.raises(DetectionError, match=r"camera right: .* in the mirror image: give mirror_right"):
         cb.stereo(left=other, right=mirrored.parent, target=TARGET)

@@ -167,7 +167,8 @@ def unsharp_views(views: Sequence[View]) -> dict[str, str]:
         return {}
     typical = float(np.median(list(stated.values())))
     return {
-        name: f"unsharp or overexposed: its points are located to {sigma:.2g} px, others typically to {typical:.2g} px"
+        name: f"unsharp, overexposed or seen at a steep angle: its points are located to {sigma:.2g} px, others "
+        f"typically to {typical:.2g} px"
         for name, sigma in stated.items()
         if sigma > WEAK_FLAG * typical
     }

@@ -108,8 +108,10 @@ def _stretch(camera: Camera, uv: Array) -> Array:
 
 
 def _variance(F_b_a: Array, a: Array, b: Array, noise_a: Array, noise_b: Array) -> Array:
-    """Variance (n,) of `epipolar_distance(F_b_a, a, b)` of points on their lines; noise (n, 2, 2): roots of the points'
-    covariances. The distance is u_b^T F u_a / |(F u_a)_12|, so that it changes by (F^T u_b)_12 and (F u_a)_12 over that.
+    """Variance (n,) of `epipolar_distance(F_b_a, a, b)` of points on their lines.
+
+    noise (n, 2, 2): roots of the points' covariances. The distance is u_b^T F u_a / |(F u_a)_12|, so that it changes
+    with the points by (F^T u_b)_12 and (F u_a)_12 over that.
     """
     by_b = epipolar_lines(F_b_a, a)[:, :2]
     slope = np.linalg.norm(a @ F_b_a[:2, :2].T + F_b_a[:2, 2], axis=1, keepdims=True)

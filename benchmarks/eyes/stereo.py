@@ -50,7 +50,7 @@ def one(seed: int, exact: bool) -> tuple[float, float, float]:
     if found.joint_covariance is None:
         raise RuntimeError("a stereo result has a joint covariance")
     sure = point_certainty(
-        left, right, T.matrix, seen, covariance=found.joint_covariance.whole, sigma_px=(1.0, 1.0)
+        (left, right), places, seen, covariance=found.joint_covariance.whole, sigma_px=(1.0, 1.0)
     ).calibration[0]
     return normalised(T, scene.T_left_right), off / baseline.sigma, float((seen[2] - POINT[2]) / np.sqrt(sure[2, 2]))
 

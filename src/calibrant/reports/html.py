@@ -42,16 +42,18 @@ def report_page(
     *,
     images: Mapping[str, str | Path] | None = None,
     then: tuple[str, str] | None = None,
+    first: Sequence[Block] = (),
 ) -> str:
     """The report's HTML, for whoever writes it or shows it.
 
-    Args: as `write_report`; then, what to do next in words, and the command that does it.
+    Args: as `write_report`; then, what to do next in words, and the command that does it; first, what stands before
+    what the result says: pictures that a result file does not hold.
     """
     expect(result, (CalibrationResult, Look), "the result", "a CalibrationResult, such as cb.read('camera.json')")
     seen = look(result)
     parts = sections(seen, images={view: Path(file) for view, file in (images or {}).items()})
     after = () if then is None else (Block("command", {"words": then[0], "command": then[1]}),)
-    page = result_head(seen.result, (*after, *parts.blocks))
+    page = result_head(seen.result, (*after, *first, *parts.blocks))
     drawn = [asset("result.js"), asset("scene.js"), asset("pairs.js")] if parts.data is not None else []
     return render(replace(page, data=parts.data, scripts=[*drawn, asset("copy.js")]))
 

@@ -91,6 +91,7 @@ def stereo(
     target: Words = (),
     observations: str | Path | None = None,
     pairs: str = "auto",
+    times: str | Path | None = None,
     model: Words = (),
     fix: Words = (),
     same_focal: bool = False,

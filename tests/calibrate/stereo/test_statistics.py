@@ -32,7 +32,7 @@ def test_transform_baseline_and_depth_err_as_stated() -> None:
         (p,) = refine_points(triangulate(rays, T_world_camera=at), rays, T_world_camera=at)
         assert found.joint_covariance is not None
         C = found.joint_covariance.whole
-        sure = point_certainty(left, right, T.matrix, p, covariance=C, sigma_px=(1.0, 1.0)).calibration[0]
+        sure = point_certainty((left, right), at, p, covariance=C, sigma_px=(1.0, 1.0)).calibration[0]
         depths.append((p[2] - POINT[0, 2]) / np.sqrt(sure[2, 2]))
     # The mean of 40 chi-squares of 6 has a deviation of sqrt(12 / 40) = 0.55, the rms of 40 normals one of 0.11.
     assert 4.3 < np.mean(scores) < 7.7

@@ -143,7 +143,9 @@ def test_a_points_certainty_against_differences(scene: StereoScene) -> None:
         moved = 0.5 * (at(k, 1) - at(k, -1))
         C = np.zeros((24, 24))
         C[k, k] = steps[k] ** 2
-        found = point_certainty(left, right, T, p, covariance=C, sigma_px=(0.1, 0.1)).calibration[0]
+        found = point_certainty(
+            (left, right), np.stack([np.eye(4), T]), p, covariance=C, sigma_px=(0.1, 0.1)
+        ).calibration[0]
         np.testing.assert_allclose(found, np.outer(moved, moved), rtol=1e-3, atol=1e-3 * np.trace(found))
 
 

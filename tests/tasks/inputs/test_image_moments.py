@@ -49,6 +49,21 @@ def test_three_lists_by_time() -> None:
     assert times == pytest.approx([0.006, 0.0973, 0.19, 0.2973, 0.3973], abs=1e-4)
 
 
+def test_times_given_match_what_names_do_not() -> None:
+    """Each list counts for itself and lost other pictures: by order or by name the wrong ones would meet."""
+    lists = {"left": files("l0.png", "l1.png", "l2.png", "l3.png"), "right": files("r0.png", "r1.png", "r2.png")}
+    times = {
+        "left": dict(zip(lists["left"], [0.0, 1.0, 2.1, 3.0])),
+        "right": dict(zip(lists["right"], [1.02, 2.07, 3.4])),
+    }
+    found = matched_images(lists, rule="time", times=times)
+    assert found.rows == ((0, None), (1, 0), (2, 1), (3, 2))
+    assert found.words == "3 pairs by the times given; 1 of the left camera without a partner: l0.png"
+    apart = {"left": times["left"], "right": {f: t + 100 for f, t in times["right"].items()}}
+    with pytest.raises(InputError, match="--times: the times of no two images of different cameras meet"):
+        matched_images(lists, rule="time", times=apart)
+
+
 def test_three_lists_by_order_need_equal_numbers() -> None:
     found = matched_images({"a": files("x.png", "y.png"), "b": files("p.png", "q.png"), "c": files("m.png", "n.png")})
     assert (found.rule, found.rows) == ("order", ((0, 0, 0), (1, 1, 1)))

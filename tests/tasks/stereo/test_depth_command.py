@@ -13,6 +13,7 @@ from tests.perceive.stereo.rendered import photograph, scene
 
 from calibrant.data import CalibrationResult, as_transform
 from calibrant.formats.clouds import read_ply
+from calibrant.geometry import se3
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +51,32 @@ def test_a_cloud_with_colours_and_the_sigma_of_every_depth(calibrant, pair: Path
     np.testing.assert_allclose(points.values["sigma_z"], total, rtol=1e-5)
     assert 0.8 < np.median(points.points[:, 2]) < 1.3
     assert np.load(maps)["points"].shape == (240, 320, 3)
-    assert cv2.imread(str(picture)).shape == (480, 320, 3)
+    assert np.isfinite(np.load(maps)["points"][..., 2]).any()
+    drawn = cv2.imread(str(picture))
+    assert drawn.shape[0] == 480
+    assert 380 < drawn.shape[1] < 520  # the scales in mm at the right
+    unknown = np.isnan(np.load(maps)["points"][..., 2])
+    np.testing.assert_array_equal(drawn[:240, :320].max(axis=2) == 0, unknown)
+
+
+def test_opencvs_stereo_file_serves_and_the_report_shows_the_picture(calibrant, pair: Path, tmp_path: Path) -> None:
+    given, yml, report = pair / "stereo.json", tmp_path / "stereo.yml", tmp_path / "depth.html"
+    eyes = small_eyes()
+    T = se3.inverse(eyes.T_first_camera[1])
+    lens = "".join(
+        f"K{i}: [[{c.K[0, 0]}, 0, {c.K[0, 2]}], [0, {c.K[1, 1]}, {c.K[1, 2]}], [0, 0, 1]]\n"
+        f"D{i}: {[c.parameters[n] for n in ('k1', 'k2', 'p1', 'p2', 'k3')]}\n"
+        for i, c in enumerate(eyes.cameras, 1)
+    )
+    place = f"R: {T[:3, :3].tolist()}\nT: {(1e3 * T[:3, 3]).tolist()}\nT_unit: mm\nimage_size: [320, 240]\n"
+    yml.write_text(lens + place)
+    sides = ["--left", pair / "left.png", "--right", pair / "right.png"]
+    by_file = [calibrant("depth", file, *sides, "--json", "--report", report, "--force") for file in (given, yml)]
+    assert [done.status for done in by_file] == [0, 0], by_file[1].err
+    ours, theirs = (json.loads(done.out)["figures"] for done in by_file)
+    assert theirs["median_depth"]["value"] == pytest.approx(ours["median_depth"]["value"], rel=1e-6)
+    assert "it states no uncertainty" in by_file[1].out
+    assert 'alt="Depth in colours"' in report.read_text()
 
 
 @pytest.mark.parametrize(

@@ -160,6 +160,7 @@ def _depth(
     if not pairs or joint is None:
         return {}
     p = np.nanmedian([np.nanmedian(triangulated(pair, *eyes, T_left_right), axis=0) for pair in pairs], axis=0)
-    found = point_certainty(*eyes, T_left_right, p, covariance=joint.whole, sigma_px=sigma_px)
+    T = np.stack([np.eye(4), T_left_right])
+    found = point_certainty(eyes, T, p, covariance=joint.whole, sigma_px=sigma_px)
     by_all, by_match = (1e3 * float(np.sqrt(C[0, 2, 2])) for C in (found.calibration, found.matching))
     return {"depth": Measured(1e3 * float(p[2]), by_all, "mm"), "depth noise of a match": Measured(by_match, unit="mm")}

@@ -1,18 +1,20 @@
-"""How certain a triangulated point is: by the calibration of both eyes, and by the noise of one match.
+"""How certain a triangulated point is: by the calibration of all eyes, and by the noise of its pixels.
 
-A point p of the left camera's frame is where both residuals are least, r_l = project(theta_l, p) - u_l and
-r_r = project(theta_r, T_left_right^-1 p) - u_r. With J its derivatives by p, A = J^T W J, it follows what it rests on:
+A point p of the first camera's frame is where the weighted residuals project(theta_i, T_first_i^-1 p) - u_i are least.
+With J their derivatives by p and W their weights, it follows what it rests on:
 
-    dp = -A^-1 J^T W (J_theta dtheta - du),     C_p = D C D^T + A^-1,
+    dp = -A (J_theta dtheta - du),   A = (J^T W J)^-1 J^T W,     C_p = A J_theta C (A J_theta)^T + A Sigma_u A^T,
 
-D = A^-1 J^T W J_theta over both lenses and the transform together, so that errors which they share cancel as they do.
+theta all lenses and places together, so that errors which they share cancel as they do.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from calibrant.arrays import Array
 from calibrant.cameras import Camera
@@ -21,10 +23,14 @@ from calibrant.geometry import se3, so3
 
 @dataclass(frozen=True, eq=False)
 class PointCertainty:
-    """Covariances (n, 3, 3), square metres along the left camera's axes: by the calibration, and by one match."""
+    """Covariances (n, 3, 3), square metres along the first camera's axes: by the calibration, and by the pixels.
+
+    by_calibration (n, 3, p): d point / d of what the calibration's covariance is of.
+    """
 
     calibration: Array
     matching: Array
+    by_calibration: Array
 
     @property
     def both(self) -> Array:
@@ -33,35 +39,45 @@ class PointCertainty:
 
 
 def point_certainty(
-    left: Camera,
-    right: Camera,
-    T_left_right: Array,
-    points: Array,
+    cameras: Sequence[Camera],
+    T_first_camera: ArrayLike,
+    points: ArrayLike,
     *,
     covariance: Array,
-    sigma_px: tuple[float, float],
+    sigma_px: Sequence[float],
+    weights: Array | None = None,
 ) -> PointCertainty:
-    """Of points (n, 3) that both see, left camera's frame, metres.
+    """Of points (n, 3) ahead of the cameras, first camera's frame, metres; T_first_camera (c, 4, 4).
 
-    covariance (k, k): of T_left_right, the left lens and the right one (`JointCovariance.whole`); zero for
-    what is exact. sigma_px: of a match, per
-    axis, in each image.
+    covariance (p, p): of the places of all cameras but the first, then of all lenses (`JointCovariance.whole`); zero
+    for what is exact. sigma_px: of a pixel, per axis, by camera. weights (c, n, 2, 2): W, zero where a camera does not
+    see a point; those of the most likely point, 1 / sigma^2, where none are given.
     """
     p = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-    R, t = T_left_right[:3, :3], T_left_right[:3, 3]
-    T_right_left = se3.inverse(T_left_right)
-    _, J_left, by_left = left.model.project_with_jacobians(left.values, p)
-    _, J_in_right, by_right = right.model.project_with_jacobians(right.values, se3.apply(T_right_left, p))
-    # q = R^T (p - t), with R <- exp(omega) R: d q = R^T [p - t]x omega - R^T dt.
-    by_place = J_in_right @ np.concatenate([R.T @ so3.hat(p - t), np.broadcast_to(-R.T, (len(p), 3, 3))], axis=2)
-    J = np.concatenate([J_left, J_in_right @ R.T], axis=1)
-    weight = 1 / np.repeat(np.square(sigma_px), 2)
-    weighted = np.swapaxes(J, 1, 2) * weight
-    A = np.linalg.inv(weighted @ J)
-    a, b = by_left.shape[2], by_right.shape[2]
-    by_all = np.zeros((len(p), 4, a + b + 6))
-    by_all[:, 2:, :6] = by_place
-    by_all[:, :2, 6 : 6 + a] = by_left
-    by_all[:, 2:, 6 + a :] = by_right
-    D = A @ weighted @ by_all
-    return PointCertainty(D @ covariance @ np.swapaxes(D, 1, 2), A)
+    n, places = len(p), 6 * (len(cameras) - 1)
+    if weights is None:
+        weights = np.broadcast_to(np.eye(2), (n, 2, 2)) / np.square(sigma_px)[:, None, None, None]
+    H, by = np.zeros((n, 3, 3)), np.zeros((n, 3, len(covariance)))
+    by_pixels = []
+    column = places
+    for i, (camera, T, W) in enumerate(zip(cameras, np.asarray(T_first_camera, dtype=np.float64), weights)):
+        R, t = T[:3, :3], T[:3, 3]
+        _, J_q, J_lens = camera.model.project_with_jacobians(camera.values, se3.apply(se3.inverse(T), p))
+        J = np.where(np.any(W, axis=(1, 2))[:, None, None], J_q @ R.T, 0.0)
+        g = np.swapaxes(J, 1, 2) @ W
+        H += g @ J
+        by_pixels.append(g)
+        seen = np.where(np.any(W, axis=(1, 2))[:, None, None], J_lens, 0.0)
+        by[:, :, column : column + seen.shape[2]] -= g @ seen
+        column += seen.shape[2]
+        if i:
+            # q = R^T (p - t), with R <- exp(omega) R: R dq = [p - t]x omega - dt, and the point held.
+            J_T = np.concatenate([so3.hat(p - t), np.broadcast_to(-np.eye(3), (n, 3, 3))], axis=2)
+            by[:, :, 6 * (i - 1) : 6 * i] -= g @ J @ J_T
+    inverse = np.linalg.inv(H)
+    by = inverse @ by
+    matching = np.zeros((n, 3, 3))
+    for g, sigma in zip(by_pixels, sigma_px):
+        A = inverse @ g
+        matching += sigma**2 * A @ np.swapaxes(A, 1, 2)
+    return PointCertainty(by @ covariance @ np.swapaxes(by, 1, 2), matching, by)

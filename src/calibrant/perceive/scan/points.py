@@ -23,7 +23,7 @@ from calibrant.data.cloud import Cloud
 from calibrant.detection.structured_light.decode import Decoded
 from calibrant.errors import RefusedError
 from calibrant.geometry import se3, so3
-from calibrant.opencv import cv2
+from calibrant.perceive.colour_scale import ColourScale
 from calibrant.perceive.stereo.eyes import Eyes
 
 STEPS = 5
@@ -43,6 +43,8 @@ JUMP_SIGMAS = 5 * 6**0.5
 WEAK = 0.1
 """Of a depth: rays that meet so flatly say nothing of it."""
 CHUNK = 100_000
+OUTSIDE = 0.01
+"""Part of the depths at each end whose colours are those of the ends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,11 +197,10 @@ def _by_calibration(
 
 
 def coloured_depth(found: Scan, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The picture (h, w, 3), BGR: depths in colours, near red and far blue, the rest in its own grey, darker."""
+    """The picture with the scale at its right, BGR: depths in colours, near red and far blue, the rest in its own grey,
+    darker."""
     z = found.points[:, 2]
-    near, far = (float(q) for q in np.quantile(z, [0.01, 0.99]))
-    part = np.clip((far - z) / max(far - near, 1e-9), 0, 1)
+    scale = ColourScale.of("z", z, outside=OUTSIDE)
     out = np.repeat((grey // 2)[..., None], 3, axis=2)
-    colours = cv2.applyColorMap(np.rint(255 * part).astype(np.uint8)[:, None], cv2.COLORMAP_TURBO)[:, 0]
-    out[found.uv[:, 1], found.uv[:, 0]] = colours
-    return out
+    out[found.uv[:, 1], found.uv[:, 0]] = scale.colours(z)
+    return scale.beside(out)

@@ -24,8 +24,9 @@ from calibrant.arrays import Array, Mask
 from calibrant.data.cloud import Cloud
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import so3
-from calibrant.opencv import cv2
+from calibrant.perceive.colour_scale import ColourScale
 from calibrant.perceive.stereo.disparity import Disparity, Matcher, disparity, semi_global
+from calibrant.perceive.stereo.drawing import joined
 from calibrant.perceive.stereo.rectification import Rectification
 from calibrant.perceive.stereo.sparse import ENOUGH, NEAR_ROW, Sparse, sparse_matches
 from calibrant.perceive.undistort import Maps
@@ -35,6 +36,8 @@ AT_ONCE = 20_000
 _STEP = 1e-6
 WIDE = 0.25
 """Part of the picture's width that is searched where nothing tells the distances."""
+OUTSIDE = 0.02
+"""Part of the depths at each end whose colours are those of the ends."""
 LEAST_CONFIDENCE = 0.25
 """Both directions apart by a pixel and grey values four times as noisy as usual are each as far as matches go."""
 
@@ -268,16 +271,10 @@ def _across(q: Array) -> Array:
 
 
 def coloured_depth(found: DepthMap) -> NDArray[np.uint8]:
-    """The depth (above) and its sigma (below) in colours, near and sure ones red, black where unknown: (2 h, w, 3)."""
-    parts = []
-    for values in (found.points[..., 2], found.sigma_z):
-        known = np.isfinite(values)
-        grey = np.zeros(values.shape, np.uint8)
-        if known.any():
-            low, high = np.quantile(values[known], [0.02, 0.98])
-            share = (np.where(known, values, low) - low) / max(float(high - low), 1e-12)
-            grey = (255 * (1 - np.clip(share, 0, 1))).astype(np.uint8)
-        picture = np.asarray(cv2.applyColorMap(grey, cv2.COLORMAP_TURBO))
-        picture[~known] = 0
-        parts.append(picture)
-    return np.concatenate(parts)
+    """The depth (above) and its sigma (below) in colours with their scales, near and sure ones red, black where
+    unknown: (2 h, w and scales, 3), BGR."""
+    scales = [
+        (ColourScale.of(what, values, outside=OUTSIDE), values)
+        for what, values in (("z", found.points[..., 2]), ("sigma", found.sigma_z))
+    ]
+    return joined([scale.beside(scale.colours(values)) for scale, values in scales], axis=0)

@@ -10,9 +10,9 @@ S the mean over the window, so that slanted surfaces keep their slope. With g = 
     sigma_d^2 = c s^2 / sum_W g^2,    s^2 = sum_W r^2 / (n_W - 2).
 
 c holds what interpolation and the repeated smoothing do to noise, and is measured. d0 follows a surface but for
-(1 - S)^2 d0, of the fourth order in its bends, so that the scatter of this over the picture is noise; which part of the
-noise it is, the same steps show on noise alone, with the same gradients. Where it is more than noise the surface
-breaks, and it adds to sigma.
+(1 - S)^2 d0, of the fourth order in its bends, so that the scatter of this over the flat parts of the picture is noise;
+which part of the noise it is, the same steps show on noise alone, with the same gradients. Where it is more than noise
+the surface breaks, and it adds to sigma; so does what a window is off its plane at an edge.
 """
 
 from __future__ import annotations
@@ -55,6 +55,9 @@ CHI2_1_MEDIAN = 0.4549
 """Median of the square of a normal variable."""
 _SURE = 3.0
 """Sigmas from which what smoothing leaves out is no noise."""
+_BENDS = 6.0
+"""Times the usual variance of a window's disparities about a plane, from which it holds an edge or a bend: of a few
+independent values it is that large once in some hundred windows."""
 LEAST_PX = 1e-3
 """Beyond it no picture tells."""
 
@@ -171,10 +174,11 @@ def _refined(left: Array, right: Array, start: Array, apart: Array) -> Disparity
     whole = found & (_mean(known.astype(np.float64)) > 1 - 0.5 / WINDOW**2)
     with np.errstate(invalid="ignore"):
         kept = whole & (np.abs(d - start) <= _FARTHEST_PX) & (unit <= FLAT_PX**2) & (s2 <= _WRONG * usual)
-        kept &= _off_plane(np.where(known, d, 0.0), known) <= _JUMP_PX
+        off = _off_plane(np.where(known, d, 0.0), known)
+        kept &= off <= _JUMP_PX
         agreement = 1 / (1 + (apart / AGREE_PX) ** 2)
         confidence = agreement / np.maximum(s2 / usual, 1.0)
-    sigma = _sigma(unit, left_out, kept, *_of_noise(g, gg, known, kept))
+    sigma = _sigma(unit, left_out, off, kept, *_of_noise(g, gg, known, kept))
     # Where the window has no texture of its own, what both directions agree on is all that is known.
     coarse = whole & ~kept & (_off_plane(np.where(known, start, 0.0), known) <= AGREED_PX)
     coarse &= _held(kept, kept | coarse)
@@ -237,17 +241,24 @@ def _of_noise(g: Array, gg: Array, known: Mask, kept: Mask) -> tuple[float, floa
     return float(np.median(of_d)) / CHI2_1_MEDIAN, float(np.median(of_left_out)) / CHI2_1_MEDIAN
 
 
-def _sigma(unit: Array, left_out: Array, kept: Mask, of_d: float, of_left_out: float) -> Array:
-    """1 sigma (h, w) from variances `unit` but for one factor, and from what smoothing leaves out.
+def _sigma(unit: Array, left_out: Array, off: Array, kept: Mask, of_d: float, of_left_out: float) -> Array:
+    """1 sigma (h, w) from variances `unit` but for one factor, from what smoothing leaves out, and where a window is no
+    plane from how far it is `off` one.
 
     of_d, of_left_out: as `_of_noise` gives them.
     """
     if not kept.any():
         return np.full(unit.shape, np.nan)
-    scatter = float(np.median((left_out**2 / np.maximum(unit, 1e-18))[kept])) / CHI2_1_MEDIAN
+    usual = float(np.median((off**2 / np.maximum(unit, 1e-18))[kept]))
+    # Smoothed again and again, an edge reaches a pixel beyond its window.
+    off = np.asarray(cv2.dilate(off, np.ones((3, 3), np.uint8)))
+    bends = off**2 > _BENDS * usual * unit
+    flat = kept & ~bends if (kept & ~bends).any() else kept
+    scatter = float(np.median((left_out**2 / np.maximum(unit, 1e-18))[flat])) / CHI2_1_MEDIAN
     breaks = left_out**2 > _SURE**2 * scatter * unit
     noise = scatter * of_d / of_left_out * unit
-    return np.sqrt(np.maximum(noise + np.where(breaks, left_out**2, 0.0), LEAST_PX**2))
+    more = np.maximum(np.where(breaks, left_out**2, 0.0), np.where(bends, off**2, 0.0))
+    return np.sqrt(np.maximum(noise + more, LEAST_PX**2))
 
 
 def _step(left: Array, coefficients: Array, base: Array, known: Mask) -> tuple[Array, Array, Array, Array]:
@@ -291,13 +302,18 @@ def _off_plane(d: Array, known: Mask) -> Array:
     steps = np.arange(-half, half + 1, dtype=np.float64)
     n = np.maximum(_mean(known.astype(np.float64)), 1e-9)
     mean = _mean(d) / n
-    about = np.where(known, d - mean, 0.0)
+    there, use = np.where(known, d, 0.0), known.astype(np.float64)
     # sum (k d) over the window by a kernel; its variance along one axis is (W^2 - 1) / 12.
     moment = (WINDOW**2 - 1) / 12
     kx = np.outer(np.ones(WINDOW), steps) / WINDOW**2
-    slopes = [cv2.filter2D(about, -1, k, borderType=cv2.BORDER_REFLECT_101) / moment for k in (kx, kx.T)]
+    # About the mean of this window, not each pixel about that of its own, which follows a slope and hides it.
+    slopes = [(_filtered(there, k) - mean * _filtered(use, k)) / moment for k in (kx, kx.T)]
     square = _mean(np.where(known, d * d, 0.0)) / n - mean**2
     return np.sqrt(np.maximum(square - moment * (slopes[0] ** 2 + slopes[1] ** 2), 0.0))
+
+
+def _filtered(a: Array, kernel: Array) -> Array:
+    return np.asarray(cv2.filter2D(a, -1, kernel, borderType=cv2.BORDER_CONSTANT))
 
 
 def _sum(a: Array) -> Array:

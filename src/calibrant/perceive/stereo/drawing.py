@@ -48,7 +48,7 @@ def drawn_rows(pair: Rectification, images: Sequence[NDArray[Any]]) -> NDArray[n
         before.append(own)
         after.append(rectified)
     side, over = (1, 0) if pair.along == 0 else (0, 1)
-    return _joined([_joined(before, axis=side), _joined(after, axis=side)], axis=over)
+    return joined([joined(before, axis=side), joined(after, axis=side)], axis=over)
 
 
 def _lines(pair: Rectification, i: int) -> list[Array]:
@@ -75,7 +75,7 @@ def _draw(canvas: NDArray[np.uint8], line: Array, k: int) -> None:
             cv2.polylines(canvas, [points], False, COLOURS[k % len(COLOURS)], thick, cv2.LINE_AA, _BITS)
 
 
-def _joined(parts: Sequence[NDArray[np.uint8]], *, axis: int) -> NDArray[np.uint8]:
+def joined(parts: Sequence[NDArray[np.uint8]], *, axis: int) -> NDArray[np.uint8]:
     """Pictures beside (axis 1) or below each other (axis 0), the smaller ones filled up in black."""
     most = max(p.shape[1 - axis] for p in parts)
     padded = []

@@ -25,8 +25,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calibrant.arrays import Array, Mask
+from calibrant.calibrate.stereo.depth import point_certainty
 from calibrant.errors import InputError
-from calibrant.geometry import se3, so3, triangulation
+from calibrant.geometry import se3, triangulation
 from calibrant.perceive.stereo.eyes import Eyes
 
 Method = Literal["midpoint", "linear", "optimal"]
@@ -156,40 +157,25 @@ def _errors(eyes: Eyes, X: Array, m: Array, seen: Mask, sigma: Array) -> tuple[A
 
 def _with_covariance(eyes: Eyes, X: Array, m: Array, seen: Mask, sigma: Array, method: Method) -> StereoPoints:
     found: Mask = np.asarray(np.isfinite(X).all(axis=1))
-    safe = np.where(found[:, None], X, [0.0, 0.0, 1.0])
-    n = len(X)
-    H = np.zeros((n, 3, 3))
-    parts = []
-    squares, views = np.zeros(n), np.zeros(n)
+    points = np.full((len(X), 3), np.nan)
+    noise, calibration = np.full((2, len(X), 3, 3), np.nan)
+    by = np.full((len(X), 3, len(eyes.covariance)), np.nan)
+    residuals = np.full(len(X), np.nan)
+    X, m, seen = X[found], m[:, found], seen[:, found]
+    W, squares = np.zeros((len(m), len(X), 2, 2)), np.zeros(len(X))
     for i, (camera, T) in enumerate(zip(eyes.cameras, eyes.T_first_camera)):
-        T_camera = se3.inverse(T)
-        q = se3.apply(T_camera, safe)
-        uv, J_q, J_lens = camera.model.project_with_jacobians(camera.values, q)
-        use = (seen[i] & found)[:, None, None]
-        J_X = np.where(use, J_q @ T_camera[:3, :3], 0.0)
-        W = np.where(use, _weights(method, q, J_q, float(sigma[i])), 0.0)
-        H += np.swapaxes(J_X, 1, 2) @ W @ J_X
+        q = se3.apply(se3.inverse(T), X)
+        uv, J_q, _ = camera.model.project_with_jacobians(camera.values, q)
+        W[i] = np.where(seen[i][:, None, None], _weights(method, q, J_q, float(sigma[i])), 0.0)
         squares += np.where(seen[i], np.sum((uv - m[i]) ** 2, axis=1, where=np.isfinite(m[i])), 0.0)
-        views += seen[i]
-        parts.append((J_X, W, J_lens))
-    H[~found] = np.eye(3)
-    inverse = np.linalg.inv(H)
-    p = len(eyes.covariance)
-    noise, by = np.zeros((n, 3, 3)), np.zeros((n, 3, p))
-    for i, (J_X, W, J_lens) in enumerate(parts):
-        A = inverse @ np.swapaxes(J_X, 1, 2) @ W
-        noise += sigma[i] ** 2 * A @ np.swapaxes(A, 1, 2)
-        by[:, :, eyes.lens_columns(i)] -= A @ J_lens
-        if i:
-            # p_first = R q + t: with the point held, R dq = hat(R q) omega - v.
-            T = eyes.T_first_camera[i]
-            J_T = np.concatenate([so3.hat(safe - T[:3, 3]), np.broadcast_to(-np.eye(3), (n, 3, 3))], axis=2)
-            by[:, :, 6 * (i - 1) : 6 * i] -= A @ J_X @ J_T
-    calibration = by @ eyes.covariance @ np.swapaxes(by, 1, 2)
-    for array in (noise, calibration, by):
-        array[~found] = np.nan
-    residuals = np.sqrt(squares / np.maximum(views, 1))
-    return StereoPoints(X, noise, calibration, by, np.where(found, residuals, np.nan))
+    sure = point_certainty(
+        eyes.cameras, eyes.T_first_camera, X, covariance=eyes.covariance, sigma_px=sigma.tolist(), weights=W
+    )
+    points[found], noise[found], calibration[found], by[found] = (
+        X, sure.matching, sure.calibration, sure.by_calibration
+    )  # fmt: skip
+    residuals[found] = np.sqrt(squares / np.maximum(seen.sum(axis=0), 1))
+    return StereoPoints(points, noise, calibration, by, residuals)
 
 
 def _weights(method: Method, q: Array, J_q: Array, sigma: float) -> Array:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from calibrant.errors import InputError
 from calibrant.opencv import cv2
+from calibrant.reports.parts.blocks import Block
 
 _MOST_PICTURES = 40
 """Reading a picture takes some 20 ms: more than these would make a report slow to write."""
@@ -41,6 +42,11 @@ def data_uris(
             break
     kept = _within(encoded, budget)
     return kept, _missing_sentence(missing, len(files) - len(missing) - len(kept))
+
+
+def picture_block(heading: str, image: NDArray[np.uint8], caption: str) -> Block:
+    """A picture (h, w, 3), BGR, under a heading, with a sentence below."""
+    return Block("picture", {"heading": heading, "uri": _encode(image, _WIDTHS[0]), "caption": caption})
 
 
 def _within(encoded: Mapping[str, str], budget: int) -> dict[str, str]:

@@ -78,7 +78,8 @@ class Request:
     fps: Annotated[float | None, Option("RATE")] = None
     """Pictures a second, of numbered images, or of videos that state another rate."""
     times: Annotated[Path | None, Option("FILE")] = None
-    """CSV of when each picture was taken: camera, image (or its number, frame) and time, seconds, a row each."""
+    """CSV of when each picture was taken: camera, image (or its number, frame) and time, seconds, a row each. With
+    --pairs time they also say what was taken at once."""
     search: RigSearchOptions = RigSearchOptions()
     corners: CornerOptions = CornerOptions()
 

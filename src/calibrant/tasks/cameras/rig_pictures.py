@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from calibrant.errors import DetectionError, InputError
 from calibrant.tasks.inputs.image_moments import ImageMoments, images_by_moment, matched_images
 from calibrant.tasks.inputs.moment_times import moment_times
-from calibrant.tasks.inputs.picture_times import PictureTimes, read_picture_times
+from calibrant.tasks.inputs.picture_times import EVERY, PictureTimes, read_picture_times
 from calibrant.tasks.inputs.seen_together import of_camera, together
 from calibrant.tasks.inputs.shared_photos import refuse_shared_photos
 from calibrant.tasks.inputs.sources import Source, kept
@@ -60,7 +60,12 @@ class RigPictures:
     @cached_property
     def found(self) -> ImageMoments | None:
         """The moments; None for points found before, whose views say theirs, and for one camera alone."""
-        return matched_images(self.files, rule=self.rule) if len(self.images) > 1 else None
+        if len(self.images) < 2:
+            return None
+        if self.rule != "time" or self.own_times is None:
+            return matched_images(self.files, rule=self.rule)
+        self.own_times.require(self.files, EVERY)
+        return matched_images(self.files, rule=self.rule, times=self.own_times.seconds)
 
     @cached_property
     def moments(self) -> dict[str, dict[Path, str]]:

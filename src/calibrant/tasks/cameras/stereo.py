@@ -52,6 +52,9 @@ class Request:
     pairs: Annotated[str, Option("RULE", choices=PAIR_RULES)] = "auto"
     """What belongs together: by name (left01 and right01, or equal names in two folders), by the time stamps in the
     names, by order; auto: the first of these that fits."""
+    times: Annotated[Path | None, Option("FILE")] = None
+    """CSV of when each image was taken: camera (left, right), image (or its number, frame) and time, seconds, a row
+    each; the nearest within half a period belong together."""
     model: Annotated[tuple[str, ...], Option("NAME", choices=MODELS)] = ()
     """Camera model of both, brown unless given, or of one: left:kannala_brandt."""
     fix: Annotated[tuple[str, ...], Option("NAMES", names=True)] = ()
@@ -125,6 +128,7 @@ def _pictures(request: Request, listener: Listener) -> StereoPictures:
         targets=one_by_side(request.target, option="--target"),
         observations=request.points.observations,
         rule=request.pairs,
+        table=request.times,
         search=request.search,
         corners=request.corners,
         listener=listener,

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from calibrant.errors import DetectionError, InputError
 from calibrant.tasks.inputs.by_side import SIDES
 from calibrant.tasks.inputs.image_moments import ImageMoments, images_by_moment, matched_images
+from calibrant.tasks.inputs.picture_times import EVERY, PictureTimes, read_picture_times
 from calibrant.tasks.inputs.seen_together import of_camera, together
 from calibrant.tasks.inputs.shared_photos import refuse_shared_photos
 from calibrant.tasks.inputs.sources import Source, kept
@@ -26,13 +27,15 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, eq=False)
 class StereoPictures:
     """sources: of each side, by name; or one file of points of both cameras (observations). rule: how images pair;
-    mirrored: sides whose camera delivers mirror images; exclude: names of images whose pairs are left out."""
+    mirrored: sides whose camera delivers mirror images; exclude: names of images whose pairs are left out; table: a
+    file of when each image was taken, by which they pair."""
 
     sources: Mapping[str, Source]
     observations: Path | None
     rule: str
     mirrored: tuple[str, ...]
     exclude: tuple[str, ...]
+    table: Path | None = None
 
     @cached_property
     def every_file(self) -> dict[str, list[Path]]:
@@ -48,12 +51,24 @@ class StereoPictures:
     @cached_property
     def found(self) -> ImageMoments | None:
         """The pairs; None for points found before, whose views say their moments."""
-        return matched_images(self.every_file, rule=self.rule) if self.sources else None
+        if not self.sources:
+            return None
+        if self.times is None:
+            return matched_images(self.every_file, rule=self.rule)
+        self.times.require(self.every_file, EVERY)
+        return matched_images(self.every_file, rule="time", times=self.times.seconds)
+
+    @cached_property
+    def times(self) -> PictureTimes | None:
+        """What the table says. Raises: InputError as `read_picture_times`."""
+        return None if self.table is None else read_picture_times(self.table, self.every_file)
 
     @property
     def paired(self) -> str:
         """How images were paired, in words."""
-        return "" if self.found is None else self.found.words
+        if self.found is None:
+            return ""
+        return self.found.words if self.times is None else f"{self.found.words}; {self.times.words}"
 
     @cached_property
     def moments(self) -> dict[str, dict[Path, str]]:
@@ -72,7 +87,8 @@ class StereoPictures:
         """Every file that is read."""
         if self.observations is not None:
             return [self.observations]
-        return [f for side, source in self.sources.items() for f in source.inputs(list(self.moments[side]))]
+        table = [] if self.table is None else [self.table]
+        return [*(f for side, source in self.sources.items() for f in source.inputs(list(self.moments[side]))), *table]
 
     def read(self) -> Observations:
         """What both cameras saw. Raises: InputError, DetectionError."""
@@ -119,6 +135,7 @@ def pictures_of(
     targets: Mapping[str, str],
     observations: Path | None,
     rule: str,
+    table: Path | None,
     search: PairSearchOptions,
     corners: CornerOptions,
     listener: Listener,
@@ -131,7 +148,11 @@ def pictures_of(
             raise InputError("give --left and --right, or --observations FILE, not both")
         if mirrored:
             raise InputError(f"--mirror-{mirrored[0]} flips images; the points in --observations are taken as they are")
+        if table is not None:
+            raise InputError("--times says when each image was taken: leave out --observations, whose points have none")
         return StereoPictures({}, observations, rule, (), exclude)
+    if table is not None and rule not in ("auto", "time"):
+        raise InputError(f"--times says which images were taken at once: leave out --pairs {rule}")
     images = dict(zip(SIDES, (tuple(left), tuple(right))))
     for side, given in images.items():
         if not given:
@@ -147,4 +168,4 @@ def pictures_of(
         )
         for side in SIDES
     }
-    return StereoPictures(sources, None, rule, mirrored, exclude)
+    return StereoPictures(sources, None, rule, mirrored, exclude, table)

@@ -23,8 +23,17 @@ MOST_ALONE = 0.5
 """Names match images when they do so for half of a camera's, or of the longest other list where that is shorter: of
 names that meet by chance few do."""
 
+HOW = {
+    "name": "by name",
+    "time": "by the time stamps in their names",
+    "order": "by order, because their names do not tell",
+}
+TIMES_GIVEN = "by the times given"
+"""How images are matched, in words."""
+
 Rule = Literal["name", "order", "time"]
 Lists = Mapping[str, Sequence[Path]]
+Times = Mapping[str, Mapping[Path, float]]
 Keys = Sequence[Sequence[Hashable]]
 
 
@@ -44,14 +53,15 @@ class ImageMoments:
         return tuple(row for row in self.rows if sum(i is not None for i in row) > 1)
 
 
-def matched_images(lists: Lists, *, rule: str = "auto") -> ImageMoments:
+def matched_images(lists: Lists, *, rule: str = "auto", times: Times | None = None) -> ImageMoments:
     """Match the images of two cameras or more.
 
     name: equal names in several folders (or frame numbers of videos), or names that differ by what all of a camera's
     have in common (left01, right01); time: the number in the name is a time, and the nearest within half a period
     belong together; order: as they are listed. auto: by name where names meet, by time where they hold one, else by
     order.
-    Args: lists, the images of each camera by its name.
+    Args: lists, the images of each camera by its name; times, seconds of every image by camera, for the rule time in
+    place of those in the names.
     Raises: InputError for an unknown rule, names that do not meet, lists of unequal length without names that do.
     """
     if rule not in RULES:
@@ -61,9 +71,14 @@ def matched_images(lists: Lists, *, rule: str = "auto") -> ImageMoments:
         if found is not None:
             return found
     if rule in ("auto", "time"):
-        found = _by_time(lists)
+        found = _by_time(lists, times)
         if found is not None:
             return found
+    if rule == "time" and times is not None:
+        raise InputError(
+            "--times: the times of no two images of different cameras meet, or two of one camera have the same: give "
+            "times of one clock, a row an image"
+        )
     if rule in ("name", "time"):
         what = "names meet" if rule == "name" else "names hold time stamps that meet"
         each = " and ".join(_first(files) for files in lists.values())
@@ -144,11 +159,11 @@ def _value(token: str) -> int | str:
     return int(token) if token.isdigit() else token
 
 
-def _by_time(lists: Lists) -> ImageMoments | None:
+def _by_time(lists: Lists, given: Times | None) -> ImageMoments | None:
     """The nearest within half a period belong together: each list to the first, and what is left of it to the next."""
     times: list[list[float]] = []
-    for files in lists.values():
-        found = [stamp_s(p.stem) for p in files]
+    for camera, files in lists.items():
+        found = [stamp_s(p.stem) if given is None else given[camera][p] for p in files]
         told = [t for t in found if t is not None]
         if len(told) < len(files) or len(set(told)) < len(told):
             return None
@@ -161,7 +176,7 @@ def _by_time(lists: Lists) -> ImageMoments | None:
     full = [tuple(row.get(k) for k in range(len(times))) for row in rows]
     full.sort(key=lambda row: min(times[k][i] for k, i in enumerate(row) if i is not None))
     told_together = any(sum(i is not None for i in row) > 1 for row in full)
-    return _found("time", full, lists) if told_together else None
+    return _found("time", full, lists, TIMES_GIVEN if given is not None else "") if told_together else None
 
 
 def _place(
@@ -199,7 +214,7 @@ def _by_order(lists: Lists) -> ImageMoments:
     return _found("order", [(i,) * len(counts) for i in range(counts[0])], lists)
 
 
-def _found(rule: Rule, rows: Sequence[tuple[int | None, ...]], lists: Lists) -> ImageMoments:
+def _found(rule: Rule, rows: Sequence[tuple[int | None, ...]], lists: Lists, how: str = "") -> ImageMoments:
     """The moments in the order of the first list's images, those that only others have after them, as they come."""
     ordered = list(rows)
     if rule == "name":
@@ -208,15 +223,10 @@ def _found(rule: Rule, rows: Sequence[tuple[int | None, ...]], lists: Lists) -> 
     alone = tuple(
         tuple(i for row, n in zip(ordered, counts) if n == 1 and (i := row[k]) is not None) for k in range(len(lists))
     )
-    return ImageMoments(rule, tuple(ordered), alone, _words(rule, counts, alone, lists))
+    return ImageMoments(rule, tuple(ordered), alone, _words(how or HOW[rule], counts, alone, lists))
 
 
-def _words(rule: Rule, counts: Sequence[int], alone: Sequence[Sequence[int]], lists: Lists) -> str:
-    how = {
-        "name": "by name",
-        "time": "by the time stamps in their names",
-        "order": "by order, because their names do not tell",
-    }[rule]
+def _words(how: str, counts: Sequence[int], alone: Sequence[Sequence[int]], lists: Lists) -> str:
     shared = Counter(n for n in counts if n > 1)
     if len(lists) == 2:
         text = f"{_counted(sum(shared.values()), 'pair')} {how}"

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
 from math import isfinite
@@ -32,6 +32,7 @@ _EXPECTED = "a CSV file with the columns camera, image (or frame) and time, in s
 _LATEST_S = 1e11
 """Seconds since 1970 until the year 5138: a larger number is of milliseconds or less."""
 _LISTED = 4
+EVERY = "add their rows: pictures are matched by their times"
 
 
 @dataclass(frozen=True)
@@ -48,16 +49,17 @@ class PictureTimes:
         Raises: InputError for pictures without a time, and cameras whose clocks began elsewhere: then pictures of one
         moment are further apart than moments are.
         """
-        lacking = {c: [f.name for f in files if f not in self.seconds[c]] for c, files in moments.items()}
-        texts = [f"{_listed(names)} of camera {camera}" for camera, names in lacking.items() if names]
-        if texts:
-            raise InputError(
-                f"--times tells no time of {' and '.join(texts)} ({self.words}); add their rows, or leave the pictures "
-                "out (--exclude)"
-            )
+        self.require(moments, "add their rows, or leave the pictures out (--exclude)")
         times = {c: {m: self.seconds[c][f] for f, m in files.items()} for c, files in moments.items()}
         _refuse_other_clocks(times)
         return times
+
+    def require(self, files: Mapping[str, Iterable[Path]], cure: str) -> None:
+        """Raises: InputError, which ends with the cure, for pictures of a camera without a time."""
+        lacking = {c: [f.name for f in mine if f not in self.seconds[c]] for c, mine in files.items()}
+        texts = [f"{_listed(names)} of camera {camera}" for camera, names in lacking.items() if names]
+        if texts:
+            raise InputError(f"--times tells no time of {' and '.join(texts)} ({self.words}); {cure}")
 
 
 @dataclass(frozen=True)

@@ -90,7 +90,8 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
         found = scan(decoded, eyes)
     result = _result(request, found, eyes, sequence.code)
     refuse_if_failed(result)
-    return Outcome(result=result, documents=_documents(request, found, capture))
+    page = partial(_page, found, capture, result)
+    return Outcome(result=result, documents=_documents(request, found, capture), page=page)
 
 
 def _folder(request: Request) -> Path:
@@ -202,3 +203,14 @@ def _drawn(found: Scan, capture: Capture, path: Path) -> bytes:
     from calibrant.perceive.scan.points import coloured_depth
 
     return encoded(coloured_depth(found, capture.white), path)
+
+
+def _page(found: Scan, capture: Capture, result: CalibrationResult) -> str:
+    from calibrant.perceive.scan.points import coloured_depth
+    from calibrant.reports.html import report_page
+    from calibrant.reports.parts.pictures import picture_block
+
+    caption = (
+        "The camera's picture with the depth z of every point. Depths beyond the scale have the colour of its end."
+    )
+    return report_page(result, first=[picture_block("Depth in colours", coloured_depth(found, capture.white), caption)])

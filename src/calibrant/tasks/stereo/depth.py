@@ -39,7 +39,7 @@ class Request:
     """
 
     result: Annotated[Path, Option("RESULT", positional=True)]
-    """The calibration of both cameras, a result file."""
+    """The calibration of both cameras: a result file, or stereo.yml as OpenCV has it."""
     left: Annotated[Path, Option("IMAGE")]
     """The left (first, upper) camera's picture."""
     right: Annotated[Path, Option("IMAGE")]
@@ -49,7 +49,7 @@ class Request:
     maps: Annotated[Path | None, Option("FILE.npz", output="file")] = None
     """Write z, its sigma, disparity and confidence of the left rectified picture here, as NumPy's archive."""
     picture: Annotated[Path | None, Option("FILE.png", output="file")] = None
-    """Draw depth and sigma in colours."""
+    """Draw depth and sigma in colours, each with its scale in mm; --report shows the same."""
     near: Annotated[str | None, Option("LENGTH")] = None
     """The nearest distance looked for: 0.4m; without it features of the pictures tell."""
     far: Annotated[str | None, Option("LENGTH")] = None
@@ -66,9 +66,9 @@ def reads(request: Request) -> list[Path]:
 
 def run(request: Request, listener: Listener = SILENT) -> Outcome:
     """The depth map. Raises: InputError for unusable arguments; RefusedError for exchanged sides, an empty cloud."""
-    from calibrant.data.result_file import read_result
     from calibrant.data.verdicts import refuse_if_failed
     from calibrant.detection.images.images import load_image
+    from calibrant.formats.cameras.read import read_pair
     from calibrant.perceive.stereo.depth import depth_map
     from calibrant.targets.lengths import parse_length
 
@@ -77,7 +77,7 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
         None if text is None else parse_length(text, what=name)
         for name, text in (("--near", request.near), ("--far", request.far))
     )
-    pair = request.rectified.pair(read_result(request.result))
+    pair = request.rectified.pair(read_pair(request.result))
     images = []
     for side, file in zip(("left", "right"), (request.left, request.right)):
         images.append(load_image(file))
@@ -102,7 +102,7 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
         if request.picture is not None:
             yield Document(request.picture, partial(_drawn, found, request.picture))
 
-    return Outcome(result=result, documents=documents())
+    return Outcome(result=result, documents=documents(), page=partial(_page, found, result))
 
 
 def _check(request: Request) -> None:
@@ -208,3 +208,15 @@ def _drawn(found: DepthMap, path: Path) -> bytes:
     from calibrant.perceive.stereo.depth import coloured_depth
 
     return encoded(coloured_depth(found), path)
+
+
+def _page(found: DepthMap, result: CalibrationResult) -> str:
+    from calibrant.perceive.stereo.depth import coloured_depth
+    from calibrant.reports.html import report_page
+    from calibrant.reports.parts.pictures import picture_block
+
+    caption = (
+        "The left picture, rectified: z (above) and its sigma (below). Black: no depth there. Lengths beyond the scale "
+        "have the colour of its end."
+    )
+    return report_page(result, first=[picture_block("Depth in colours", coloured_depth(found), caption)])

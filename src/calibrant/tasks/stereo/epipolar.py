@@ -49,7 +49,7 @@ class Request:
     camera: Annotated[tuple[str, ...], Option("FILES", "-c")] = ()
     """The cameras of left and right, or one file for both (any format)."""
     stereo: Annotated[Path | None, Option("RESULT")] = None
-    """A calibration of both cameras (calibrant stereo, calibrant rig)."""
+    """A calibration of both cameras (calibrant stereo, calibrant rig), or stereo.yml as OpenCV has it."""
     matches: Annotated[Path | None, Option("FILE.csv")] = None
     """Matches of your own: columns u_left, v_left, u_right, v_right; without it features are matched."""
     sigma_px: Annotated[str, Option("LENGTH")] = "0.5px"
@@ -128,13 +128,13 @@ def _calibrated(
     request: Request, uv: Array, sizes: list[tuple[int, int]], sigma: float
 ) -> tuple[CalibrationResult, tuple[Line, Line], Mask]:
     """The lines of a calibration, and how far matches are from them."""
-    from calibrant.data.result_file import read_result
+    from calibrant.formats.cameras.read import read_pair
     from calibrant.geometry import projective, se3
     from calibrant.perceive.stereo.epipolar import FAR, sampson_px
     from calibrant.perceive.stereo.eyes import eyes_of
     from calibrant.perceive.stereo.lines import line_of_cameras
 
-    eyes = eyes_of(read_result(request.stereo))  # type: ignore[arg-type]
+    eyes = eyes_of(read_pair(request.stereo))  # type: ignore[arg-type]
     for name, camera, size in zip(eyes.names, eyes.cameras, sizes):
         if camera.image_size != size:
             w, h = camera.image_size

@@ -182,3 +182,29 @@ def test_a_camera_that_delivers_mirror_images(images: Path, tmp_path: Path, resu
 def test_sides_that_are_swapped_are_said(images: Path) -> None:
     found = cb.stereo(left=images / "right*.jpg", right=images / "left*.jpg", target=TARGET)
     assert found.check("sides").status == "warn"
+
+
+@pytest.mark.long
+def test_a_hidden_part_is_numbered_by_the_other_camera(images: Path, tmp_path: Path, result: CalibrationResult) -> None:
+    """What a hand leaves of two boards counts, under the numbers that it has where all is seen."""
+    assert result.observations is not None
+    whole = {v.id: v for v in result.observations.views}
+    for file in images.glob("*.jpg"):
+        picture = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+        if file.name in ("right03.jpg", "left05.jpg"):
+            view = whole[file.name]
+            hull = cv2.convexHull(view.uv[view.point_ids % 9 < 3].astype(np.float32)).reshape(-1, 2)
+            hull = hull.mean(axis=0) + 1.9 * (hull - hull.mean(axis=0))
+            cv2.fillConvexPoly(picture, np.rint(hull).astype(np.int32), 128)
+        cv2.imwrite(str(tmp_path / f"{file.stem}.png"), picture)
+    found = cb.stereo(left=tmp_path / "left*.png", right=tmp_path / "right*.png", target=TARGET)
+    assert found.observations is not None
+    assert found.check("pairs").value == 13
+    assert any(note.endswith("left05.png, right03.png.") for note in found.notes)
+    views = {v.id: v for v in found.observations.views}
+    for name in ("right03", "left05"):
+        part, all_of_it = views[f"{name}.png"], whole[f"{name}.jpg"]
+        where = dict(zip(all_of_it.point_ids.tolist(), all_of_it.uv))
+        assert 20 <= len(part) < 54
+        np.testing.assert_allclose(part.uv, [where[i] for i in part.point_ids.tolist()], atol=0.05)
+    assert found.figures["baseline"].value == pytest.approx(83.20, abs=0.15)

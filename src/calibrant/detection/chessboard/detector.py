@@ -83,7 +83,7 @@ class ChessboardDetector:
     def _found(self, grey: Grey, target: Chessboard) -> Detection:
         seen: list[_Found] = []
         best: Detection | None = None
-        for found in _at_every_scale(grey, target):
+        for found in at_every_scale(grey, target):
             seen.append(found)
             if found.grid.goes_on or sorted(found.grid.shape) != sorted((target.rows, target.columns)):
                 continue
@@ -99,7 +99,7 @@ class ChessboardDetector:
         return _not_found(grey, seen, target) if part is None else part
 
 
-def _at_every_scale(grey: Grey, target: Chessboard) -> Iterator[_Found]:
+def at_every_scale(grey: Grey, target: Chessboard) -> Iterator[_Found]:
     """Grids found at each scale, from the pronounced saddles and from all, one after the other."""
     for factor in scales(grey.shape[1], grey.shape[0]):
         level = _level(grey, factor)
@@ -141,10 +141,10 @@ def _numbered(grey: Grey, found: _Found, target: Chessboard, how: Refinement) ->
         return Detection.nothing(
             f"only {int(known.sum())} of {known.size} corners of the board can be seen; uncover it or light it evenly"
         )
-    return _measured(grey, Placed(grid, 0, 0), found.factor, target, least, how)
+    return measured(grey, Placed(grid, 0, 0), found.factor, target, least, how)
 
 
-def _measured(grey: Grey, placed: Placed, factor: int, target: Chessboard, least: float, how: Refinement) -> Detection:
+def measured(grey: Grey, placed: Placed, factor: int, target: Chessboard, least: float, how: Refinement) -> Detection:
     """The corners of a grid whose place on the board is known, where at least so many can be measured."""
     grid = placed.grid
     refined = _refined_grid(grey, grid, factor, how)
@@ -185,7 +185,7 @@ def _part(grey: Grey, seen: list[_Found], target: Chessboard, how: Refinement) -
             continue
         placed = max(places, key=lambda p: _lower_right(p.grid))
         placed = replace(placed, grid=replace(placed.grid, xy=found.factor * placed.grid.xy + 0.5 * (found.factor - 1)))
-        return _measured(grey, placed, found.factor, target, LEAST_COUNT, how)
+        return measured(grey, placed, found.factor, target, LEAST_COUNT, how)
     return None if why is None else Detection.nothing(why)
 
 

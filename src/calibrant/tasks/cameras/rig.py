@@ -17,6 +17,7 @@ from calibrant.tasks.inputs.by_camera import (
     one_by_camera,
     several_by_camera,
 )
+from calibrant.tasks.inputs.by_partner import partner_notes
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.choices import MODELS, PAIR_RULES
 from calibrant.tasks.options.images import CornerOptions, PointsOptions, RigSearchOptions
@@ -106,10 +107,11 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     session.load_solver(listener)
     with listener.status("Calibrating …"):
         result = _calibrated(found, request, times)
-    more = pictures.look_again(found, result.cameras)
+    more = pictures.look_again(found, result)
     if more is not found:
         with listener.status("Calibrating …"):
             result = _calibrated(more, request, times)
+        result = replace(result, notes=(*result.notes, *partner_notes(more.values())))
     mirrored = split_names(request.search.mirror)
     if mirrored:
         result = replace(result, options={**result.options, "mirror_x": list(mirrored)})

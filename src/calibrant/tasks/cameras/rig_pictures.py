@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calibrant.errors import DetectionError, InputError
+from calibrant.tasks.inputs.by_partner import numbered_by_partners
 from calibrant.tasks.inputs.image_moments import ImageMoments, images_by_moment, matched_images
 from calibrant.tasks.inputs.moment_times import moment_times
 from calibrant.tasks.inputs.picture_times import EVERY, PictureTimes, read_picture_times
@@ -22,8 +23,7 @@ from calibrant.tasks.options.words import split_names
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from calibrant.cameras import Camera
-    from calibrant.data import Observations
+    from calibrant.data import CalibrationResult, Observations
 
 ONLY_BOARD = "target"
 """The name of a board that was given none."""
@@ -149,18 +149,19 @@ class RigPictures:
             for board, seen in found.items()
         }
 
-    def look_again(
-        self, found: Mapping[str, Observations], cameras: Mapping[str, Camera]
-    ) -> Mapping[str, Observations]:
-        """The observations with the corners that known cameras help to find; itself where none was found."""
+    def look_again(self, found: Mapping[str, Observations], result: CalibrationResult) -> Mapping[str, Observations]:
+        """The observations with the corners that known cameras help to find, and parts of chessboards that other
+        cameras number; itself where none was found."""
         out = dict(found)
-        for board, seen in found.items():
-            for camera in seen.image_sizes if self.images else ():
+        for board, seen in found.items() if self.images else ():
+            sources = {camera: self._source(camera, self.specs[camera][board]) for camera in seen.image_sizes}
+            for camera, source in sources.items():
                 mine = seen.of_camera(camera)
-                again = self._source(camera, self.specs[camera][board]).look_again(mine, cameras[camera])
+                again = source.look_again(mine, result.cameras[camera])
                 if again is not mine:
                     others = tuple(v for v in out[board].views if v.camera != camera)
                     out[board] = replace(out[board], views=(*others, *again.views))
+            out[board] = numbered_by_partners(out[board], result, sources=sources, moments=self.moments)
         return found if all(out[board] is seen for board, seen in found.items()) else out
 
     def _source(self, camera: str, spec: str) -> Source:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 
 from calibrant.tasks.cameras.stereo_pictures import StereoPictures, pictures_of
 from calibrant.tasks.inputs import session
+from calibrant.tasks.inputs.by_partner import partner_notes
 from calibrant.tasks.inputs.by_side import SIDES, named_by_side, one_by_side, several_by_side
 from calibrant.tasks.inputs.marked import with_pair_marks, without_marked
 from calibrant.tasks.listener import SILENT, Listener
@@ -104,10 +105,11 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     session.load_solver(listener)
     with listener.status("Calibrating …"):
         result = _calibrated(found, request)
-    more = pictures.look_again(found, result.cameras)
+    more = pictures.look_again(found, result)
     if more is not found:
         with listener.status("Calibrating …"):
             result = _calibrated(_unmarked(more, request), request)
+        result = replace(result, notes=(*result.notes, *partner_notes([more])))
     given = {side: limit for side, limit in limits.items() if limit is not None}
     if given or epipolar is not None:
         result = with_pair_marks(result, given, epipolar_px=epipolar)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calibrant.errors import DetectionError, InputError
+from calibrant.tasks.inputs.by_partner import numbered_by_partners
 from calibrant.tasks.inputs.by_side import SIDES
 from calibrant.tasks.inputs.image_moments import ImageMoments, images_by_moment, matched_images
 from calibrant.tasks.inputs.picture_times import EVERY, PictureTimes, read_picture_times
@@ -20,8 +21,7 @@ from calibrant.tasks.options.images import CornerOptions, PairSearchOptions, Sea
 from calibrant.tasks.options.words import split_names
 
 if TYPE_CHECKING:
-    from calibrant.cameras import Camera
-    from calibrant.data import Observations
+    from calibrant.data import CalibrationResult, Observations
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,18 +103,19 @@ class StereoPictures:
         except DetectionError as error:
             raise DetectionError(f"camera {side}: {error}") from error
 
-    def look_again(self, found: Observations, cameras: Mapping[str, Camera]) -> Observations:
-        """The observations with the corners that known cameras help to find; itself where none was found."""
+    def look_again(self, found: Observations, result: CalibrationResult) -> Observations:
+        """The observations with the corners that known cameras help to find, and parts of a chessboard that the other
+        camera numbers; itself where none was found."""
         more: dict[str, Observations] = {}
         for side, source in self.sources.items():
             mine = found.of_camera(side)
-            again = source.look_again(mine, cameras[side])
+            again = source.look_again(mine, result.cameras[side])
             if again is not mine:
                 more[side] = again
-        if not more:
-            return found
-        views = tuple(v for side in SIDES for v in more.get(side, found.of_camera(side)).views)
-        return replace(found, views=views)
+        if more:
+            views = tuple(v for side in SIDES for v in more.get(side, found.of_camera(side)).views)
+            found = replace(found, views=views)
+        return numbered_by_partners(found, result, sources=self.sources, moments=self.moments)
 
 
 def _of_two(found: Observations, file: Path) -> Observations:

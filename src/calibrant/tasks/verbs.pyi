@@ -341,6 +341,7 @@ def convert(
     image_size: str | None = None,
     unit: str | None = None,
     answer: Words = (),
+    choose: Words = (),
     approximate: bool = False,
     force: bool = False,
 ) -> CalibrationResult: ...

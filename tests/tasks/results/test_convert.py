@@ -75,6 +75,7 @@ def test_a_model_that_the_format_lacks_is_refused_with_the_error_of_the_nearest(
         ({"to": "described"}, "is read, not written"),
         ({"to": "opencv", "transform": "a"}, "PARENT:CHILD, got 'a'"),
         ({"to": "opencv", "answer": ["index"]}, "NAME=VALUE, got 'index'"),
+        ({"to": "opencv", "choose": ["world=cam0"]}, "does not ask for 'world'"),
         ({"to": "opencv", "camera": "cam7"}, "cam7"),
         ({"to": "opencv", "read_as": "opencv-stereo"}, "no stereo pair in it"),
     ],

@@ -99,17 +99,38 @@ def check_depth(root: ElementTree.Element, source: str) -> None:
     raise InputError(f"{source}: {TOO_DEEP}")
 
 
-def yaml_text(values: Mapping[str, NDArray | float | int | str]) -> str:
-    """FileStorage YAML of matrices, numbers and texts; numbers with all their digits."""
+Storable = NDArray | float | int | str | list[str]
+"""What is stored: matrices, numbers, texts and lists of texts."""
+
+
+def yaml_text(values: Mapping[str, Storable]) -> str:
+    """FileStorage YAML; numbers with all their digits."""
     lines = ["%YAML:1.0", "---"]
     for key, value in values.items():
         if isinstance(value, np.ndarray):
             lines += _yaml_matrix(key, np.atleast_2d(value))
+        elif isinstance(value, list):
+            lines.append(f"{key}: [ {', '.join(map(_quoted, value))} ]")
         else:
-            lines.append(
-                f"{key}: {json.dumps(value, ensure_ascii=False) if isinstance(value, str) else _number_text(value)}"
-            )
+            lines.append(f"{key}: {_quoted(value) if isinstance(value, str) else _number_text(value)}")
     return "\n".join(lines) + "\n"
+
+
+def json_text(values: Mapping[str, Storable]) -> str:
+    """FileStorage JSON; numbers with all their digits."""
+
+    def stored(value: Storable) -> Any:
+        if not isinstance(value, np.ndarray):
+            return value
+        M = np.atleast_2d(value)
+        data = [float(x) for x in M.ravel()]
+        return {"type_id": "opencv-matrix", "rows": M.shape[0], "cols": M.shape[1], "dt": "d", "data": data}
+
+    return json.dumps({key: stored(value) for key, value in values.items()}, ensure_ascii=False, indent=4) + "\n"
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False)
 
 
 def _yaml_matrix(key: str, matrix: NDArray) -> list[str]:

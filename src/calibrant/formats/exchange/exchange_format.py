@@ -74,6 +74,14 @@ class ExchangeFormat:
     models: tuple[str, ...] = ()
     asks: Mapping[str, str] = field(default_factory=dict)
 
+    def known_answers(self, answers: Mapping[str, str], *, option: str = "--answer") -> Mapping[str, str]:
+        """The answers. Raises: InputError for one that this format does not ask for."""
+        strange = next((name for name in answers if name not in self.asks), None)
+        if strange is not None:
+            listed = "; ".join(f"{name}: {words}" for name, words in self.asks.items()) or "nothing"
+            raise InputError(f"{self.title} does not ask for {strange!r} ({option}); it asks for {listed}")
+        return answers
+
 
 def read_cameras(
     cameras: Mapping[str, Camera],
@@ -94,3 +102,11 @@ def one_camera(result: CalibrationResult) -> tuple[str, Camera]:
             f"this format holds one camera, there are {len(result.cameras)} ({listed}); name one: --camera"
         )
     return next(iter(result.cameras.items()))
+
+
+def answer(answers: Mapping[str, str], name: str, choices: tuple[str, ...] = ()) -> str | None:
+    """What was answered, None where nothing was. Raises: InputError for none of the choices."""
+    said = answers.get(name)
+    if said is not None and choices and said not in choices:
+        raise InputError(f"{name}={said}: expected {' or '.join(choices)}")
+    return said

@@ -28,6 +28,7 @@ def read_any(path: str | Path, options: ReadOptions = DEFAULT, *, form: str | No
         found = format_of(document) if form is None else format_named(form)
         if found.read is None:
             raise InputError(f"{found.title} is written, not read")
+        found.known_answers(options.answers)
         return found.read(document, options)
     except InputError as error:
         text = str(error)

@@ -17,21 +17,25 @@ from calibrant.formats.exchange.exchange_format import ExchangeFormat
 
 @dataclass(frozen=True)
 class Line:
-    """module: where FORMAT is, below calibrant.formats; content: the kinds of content that it can be found in; read:
-    whether it is read at all."""
+    """module, attribute: where the format is, below calibrant.formats; content: the kinds of content that it can be
+    found in; read: whether it is read at all."""
 
     module: str
     content: tuple[str, ...] = ("tree",)
     read: bool = True
 
+    attribute: str = "FORMAT"
+
     def load(self) -> ExchangeFormat:
         """The format."""
-        found: ExchangeFormat = import_module(f"calibrant.formats.{self.module}").FORMAT
+        found: ExchangeFormat = getattr(import_module(f"calibrant.formats.{self.module}"), self.attribute)
         return found
 
 
 FORMATS: dict[str, Line] = {
     "calibrant": Line("cameras.calibrant_result"),
+    "easycalib": Line("cameras.easycalib"),
+    "easycalib-json": Line("cameras.easycalib", read=False, attribute="JSON_FORMAT"),
     "opencv-stereo": Line("cameras.opencv_pair"),
     "opencv": Line("cameras.opencv_camera"),
     "camera-info": Line("cameras.ros_camera"),

@@ -31,16 +31,9 @@ class SaidOptions:
     unit: Annotated[str | None, Option("mm|cm|m|…")] = None
     """Unit of the file's lengths, where it does not say it; and of those written, where the format leaves it open."""
     answer: Annotated[tuple[str, ...], Option("NAME=VALUE...")] = ()
-    """What a format asks beside these, e.g. index=1; its message names them."""
-
-    @property
-    def answers(self) -> Mapping[str, str]:
-        """By name. Raises: InputError for what is no pair."""
-        pairs = [pair.partition("=") for pair in self.answer]
-        bad = next((name for name, equals, _ in pairs if not (name and equals)), None)
-        if bad is not None:
-            raise InputError(f"--answer takes NAME=VALUE, got {bad!r}")
-        return {name: value for name, _, value in pairs}
+    """What the format that is read asks beside these, e.g. index=1; its message names them."""
+    choose: Annotated[tuple[str, ...], Option("NAME=VALUE...")] = ()
+    """What the format that is written leaves open, e.g. world=left; docs/file-formats.md names them."""
 
     @property
     def unit_m(self) -> float | None:
@@ -48,6 +41,15 @@ class SaidOptions:
         from calibrant.targets.lengths import parse_length
 
         return None if self.unit is None else parse_length(f"1{self.unit}", what="--unit")
+
+
+def _by_name(option: str, pairs: tuple[str, ...]) -> Mapping[str, str]:
+    """NAME=VALUE by name. Raises: InputError for what is no pair."""
+    parts = [pair.partition("=") for pair in pairs]
+    bad = next((name for name, equals, _ in parts if not (name and equals)), None)
+    if bad is not None:
+        raise InputError(f"{option} takes NAME=VALUE, got {bad!r}")
+    return {name: value for name, _, value in parts}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +96,7 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     if form is None or request.target is None:
         return Outcome(result=found)
     sayable = _sayable(found, form, approximate=request.approximate)
-    options = _write_options(request, request.target, sayable)
+    options = _write_options(request, request.target, form, sayable)
     return Outcome(result=sayable, documents=_documents(request.target, form, sayable, options))
 
 
@@ -108,7 +110,7 @@ def _read(request: Request) -> CalibrationResult:
         image_size=None if said.image_size is None else size_of(said.image_size),
         unit_m=said.unit_m,
         camera=request.camera,
-        answers=said.answers,
+        answers=_by_name("--answer", said.answer),
     )
     found = read_any(request.source, options, form=request.read_as)
     if request.camera is None or len(found.cameras) == 1:
@@ -179,7 +181,7 @@ def _near_check(name: str, camera: Camera, near: str, rms_px: float, text: str) 
     return Check(f"approximation of {name}", "warn", words, rms_px)
 
 
-def _write_options(request: Request, target: Path, result: CalibrationResult) -> WriteOptions:
+def _write_options(request: Request, target: Path, form: ExchangeFormat, result: CalibrationResult) -> WriteOptions:
     from calibrant.formats.exchange.exchange_format import WriteOptions
 
     pair = None
@@ -189,7 +191,8 @@ def _write_options(request: Request, target: Path, result: CalibrationResult) ->
             raise InputError(f"--transform takes PARENT:CHILD, got {request.transform!r}")
         pair = (result.transform(parent, child).parent, child)
     said = request.said
-    return WriteOptions(transform=pair, unit_m=said.unit_m, stem=target.name.partition(".")[0], answers=said.answers)
+    chosen = form.known_answers(_by_name("--choose", said.choose), option="--choose")
+    return WriteOptions(transform=pair, unit_m=said.unit_m, stem=target.name.partition(".")[0], answers=chosen)
 
 
 def _documents(

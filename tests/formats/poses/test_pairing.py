@@ -68,6 +68,15 @@ def test_whole_names_go_before_stems() -> None:
     assert found.pose_index == (1, 0)
 
 
+def test_names_that_are_numbers_meet_by_what_they_count() -> None:
+    found = match([str(i) for i in range(12)], [f"{i:02d}.png" for i in range(12)])
+    assert found.rule == "name"
+    assert found.pose_index == tuple(range(12))
+    assert match(["007", "12"], ["12", "7"]).pose_index == (1, 0)
+    # Where two of one side count alike, names are words.
+    assert match(["1", "01"], ["01.png", "1.png"]).pose_index == (1, 0)
+
+
 def test_natural_order() -> None:
     assert sorted(["10", "9", "b2", "B1", "a"], key=natural_key) == ["9", "10", "a", "B1", "b2"]
 

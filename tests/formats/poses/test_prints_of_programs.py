@@ -100,6 +100,18 @@ def test_pairs_as_programs_print_them(tmp_path: Path) -> None:
         read_poses(tmp_path / "two.log")
 
 
+def test_an_archive_of_a_matrix_a_pose(tmp_path: Path) -> None:
+    path = tmp_path / "poses.npz"
+    np.savez(path, **{f"T{k}_{i}": M[i] for i in range(6) for k, M in ((1, T), (2, S))})
+    with heard() as notes:
+        raw = read_poses(path)
+    assert has(raw, T)
+    assert has(raw.target, S)
+    assert notes == [f"{path}: T1 is read as the robot's pose, T2 as the target's"]
+    np.savez(path, **{f"p{i}": M for i, M in enumerate(T)})
+    assert has(read_poses(path), T)
+
+
 def test_a_camera_matrix_beside_poses_is_said(tmp_path: Path) -> None:
     path = tmp_path / "camera.json"
     entries = [{"idx": i, "rvec": so3.log(M[:3, :3]).tolist(), "tvec": M[:3, 3].tolist()} for i, M in enumerate(S)]

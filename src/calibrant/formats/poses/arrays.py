@@ -1,5 +1,5 @@
-"""Poses in NumPy's files: .npy holds a stack, .npz one stack, one of the robot's poses and one of the target's, or a
-single pose in parts.
+"""Poses in NumPy's files: .npy holds a stack, .npz one stack, one of the robot's poses and one of the target's, a
+matrix a pose under a name of its own, or a single pose in parts.
 
 An archive of a kilobyte can unfold to gigabytes, and a header can promise any shape: both are looked at first.
 """
@@ -23,7 +23,8 @@ from calibrant.reading.files import Most, foreign, read_bytes
 ARRAYS = (".npy", ".npz")
 MOST = Most(16_000_000, "a hundred thousand matrices")
 """Of numbers, once unfolded."""
-_MEMBERS = 64
+_MEMBERS = 4096
+"""An array a pose, the robot's and the target's, of two thousand poses."""
 # What NumPy raises on headers that are none: it reads them as a Python literal.
 _NO_HEADER = (
     *(ValueError, EOFError, TypeError, KeyError, SyntaxError, RecursionError, MemoryError, OverflowError),
@@ -31,10 +32,12 @@ _NO_HEADER = (
 )
 _ONE_POSE = ((3,), (3, 1), (1, 3), (4,), (4, 1), (1, 4), (3, 3), (9,))
 _VECTORS = ((3,), (3, 1), (1, 3))
+_MATRICES = ((4, 4), (3, 4))
 
 
 def read_arrays(path: Path) -> Any:
-    """The file as lists, as a JSON document would hold it: poses, or one entry a pose with the arrays' names as keys.
+    """The file as lists, as a JSON document would hold it: poses, one entry a pose with the arrays' names as keys, or
+    single matrices by their names.
 
     Raises: InputError for a file that is no NumPy file, holds objects, or arrays that are no poses, or too many.
     """
@@ -50,6 +53,8 @@ def read_arrays(path: Path) -> Any:
         return {
             name: array.tolist() if array.shape == (3, 3) else array.ravel().tolist() for name, array in arrays.items()
         }
+    if len(arrays) > 1 and all(array.shape in _MATRICES for array in arrays.values()):
+        return {name: array.tolist() for name, array in arrays.items()}
     # OpenCV's vectors are columns: (n, 3, 1) is (n, 3).
     arrays = {n: a[..., 0] if a.ndim == 3 and a.shape[2] == 1 else a for n, a in arrays.items()}
     for name, array in arrays.items():

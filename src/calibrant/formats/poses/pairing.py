@@ -36,15 +36,15 @@ def match(pose_names: Sequence[str], view_names: Sequence[str]) -> Pairing:
     """Pair named poses with views; poses without names are for `match_by_order`.
 
     By name when any name of a pose is that of a view, with or without folder and extension, or when it is their folders
-    that name them (0/image.png and 0/pose.json); poses without a view are left out. Else by order: poses as they stand,
-    views in natural order.
+    that name them (0/image.png and 0/pose.json); poses without a view are left out. Names that are numbers meet by what
+    they count, 07.png and 7. Else by order: poses as they stand, views in natural order.
 
     Raises: InputError when a view has no pose, when two share a name, when the numbers differ, when one side is empty.
     """
     if not pose_names or not view_names:
         _refuse_empty(len(pose_names), len(view_names))
     shared = []
-    for key in (_full, _stem, _folder):
+    for key in _keys(pose_names, view_names):
         poses = {key(name): i for i, name in enumerate(pose_names)}
         views = {key(name): i for i, name in enumerate(view_names)}
         if poses.keys() & views.keys() - {""}:
@@ -126,6 +126,21 @@ def _by_name(
     if unused:
         message += f"; {len(unused)} poses have no image and are left out: {_first(unused)}"
     return Pairing("name", tuple(poses[name] for name in views), tuple(views.values()), unused, message)
+
+
+def _keys(pose_names: Sequence[str], view_names: Sequence[str]) -> tuple[Callable[[str], str], ...]:
+    """By what a name can meet another, the strictest first. Where all are numbers, no two of one side alike, the others
+    would meet from 10 on alone, of 00 to 19 and 0 to 19."""
+    sides = [[_stem(name) for name in names] for names in (pose_names, view_names)]
+    counted = all(n.isascii() and n.isdigit() for side in sides for n in side)
+    if counted and all(len({_number(n) for n in side}) == len(side) for side in sides):
+        return (_number,)
+    return _full, _stem, _folder
+
+
+def _number(name: str) -> str:
+    """The stem without leading zeros."""
+    return _stem(name).lstrip("0") or "0"
 
 
 def _full(name: str) -> str:

@@ -103,6 +103,10 @@ def on_robot(camera: Camera, side: RobotSide, seen: Seen, T_base_gripper: Array,
     known = [Known(("camera", "target", LENS), square_root(side.covariance))]
     known += [Known((arm,), own) for arm in arms]
     known += [Known(tuple(arms), np.tile(shared, (n, 1)))] if n > 1 else []
+    if side.arm is not None:
+        of_places, of_poses = side.arm.roots(T_base_gripper)
+        root = np.concatenate([of_places, of_poses.reshape(6 * n, -1)])
+        known.append(Known(("camera", "target", *arms), _slim(root)))
     nothing = Model(camera, tuple(photos), base, tuple(known))
     A = np.stack([se3.inverse(T) if carried else T for T in T_base_gripper])
     # Where the camera, or the target, would be by the first photo alone: the fit goes on from there.
@@ -120,6 +124,11 @@ def on_robot(camera: Camera, side: RobotSide, seen: Seen, T_base_gripper: Array,
     found = decide(nothing, free, questions, spread, below=side.freedom)
     frame = "base" if carried else "gripper"
     return Compared("robot", found, camera, seen, side.predicted(T_base_gripper), side.Z, frame)
+
+
+def _slim(root: Array) -> Array:
+    """The same covariance by no more columns than rows."""
+    return np.asarray(np.linalg.qr(root.T, mode="r").T) if root.shape[1] > len(root) else root
 
 
 def standing(camera: Camera, then: View, sigma_then: Array, T_then: Array, seen: Seen, spread: Spread) -> Compared:

@@ -7,6 +7,15 @@ than that noise and the calibration's covariance together explain (each, radians
 
 Errors of a robot's geometry are smooth: photos taken near each other err alike. The correlation rho of neighbouring
 views of the calibration (lag 1, one sigma above what was found) says how much of the variance new photos may share.
+
+What the calibration holds of such errors in the covariance of camera and target (`cell.certainty.geometry`) says how
+far these are from the truth, and the same arm errs by the same at the same place: with E the field at its poses and at
+those of now, a g of it moves camera and target by M E_then g and the poses of now by E_now g,
+
+    M = -(sum J^T S^-1 J)^-1 J^T S^-1 J_A,
+
+which cancel where the arm works as it did and add up where it does not. They enter as one, and stand in the covariance
+of camera and target no more.
 """
 
 from __future__ import annotations
@@ -16,25 +25,46 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibrant.arrays import Array
+from calibrant.calibrate.cell.certainty.accuracy import geometry_field
+from calibrant.calibrate.cell.certainty.geometry import RADIANS, REACH
 from calibrant.calibrate.cell.problem.layout import Pictures
 from calibrant.calibrate.cell.stated import cell_layout
 from calibrant.calibrate.pose.target_poses import target_poses
 from calibrant.calibrate.reprojection.links import Link, link_maps, product
 from calibrant.calibrate.reprojection.outliers import median
 from calibrant.data import CalibrationResult, View
-from calibrant.diagnose.budget.cell import ErrorBudget, cell_budgets
+from calibrant.data.details import ArmErrors
+from calibrant.diagnose.budget.cell import ErrorBudget, cell_budgets, inverse_information
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3
+from calibrant.verification.unchanged.model import square_root
 
 FEWEST = 4
 """Views below which neighbours say nothing of each other."""
 
 
 @dataclass(frozen=True, eq=False)
+class ArmField:
+    """What an arm's geometry errs by, rms at the flange, metres; T (n, 4, 4) the calibration's poses, and pull
+    (12, 6 n), M, by which their errors move camera and target."""
+
+    metres: float
+    T_base_gripper: Array
+    pull: Array
+
+    def roots(self, T_now: Array) -> tuple[Array, Array]:
+        """Of what the arm errs by: the shares (12, k) of camera and target, and (m, 6, k) of poses T_now (m, 4, 4)."""
+        n = len(self.T_base_gripper)
+        every = np.concatenate([self.T_base_gripper, T_now])
+        E = self.metres * geometry_field(every, reach=REACH, radians=RADIANS)
+        return np.asarray(self.pull @ E[:n].reshape(6 * n, -1)), E[n:]
+
+
+@dataclass(frozen=True, eq=False)
 class RobotSide:
     """X and Z of A X B = Z with the covariance (12 + k, 12 + k) of (X, Z, lens), the noise of a robot pose (radians,
-    metres, per axis), which part of its variance photos share, 0 to 1, and how many views it was found from beyond the
-    two that camera and target take."""
+    metres, per axis), which part of its variance photos share, 0 to 1, how many views it was found from beyond the
+    two that camera and target take, and what the arm errs by then and now, beside the covariance."""
 
     in_hand: bool
     X: Array
@@ -44,6 +74,7 @@ class RobotSide:
     translation: float
     alike: float
     freedom: float = 1.0
+    arm: ArmField | None = None
 
     @property
     def X_inverse(self) -> Array:
@@ -104,7 +135,7 @@ def _with_errors(
     side = RobotSide(in_hand, budget.X, budget.Z, C, noise.robot_rotation, noise.robot_translation, 0.0)
     views = [v for v in pictures.seen.views if v.moment in poses and len(v) >= 4]
     A = np.stack([poses[v.moment] for v in views])
-    steps, of_all, of_pose = _loop(side, budget, views, A, noise.pixel)
+    steps, of_all, of_pose, of_places = _loop(side, budget, views, A, noise.pixel)
     held = result.held_out
     rotation, translation = side.rotation, side.translation
     if held is not None and held.deg is not None and held.mm is not None and len(result.cameras) == 1:
@@ -116,14 +147,48 @@ def _with_errors(
         moved = np.mean(np.trace(of_all[:, 3:, 3:], axis1=1, axis2=2)) + more
         translation = float(np.hypot(translation, np.sqrt(max((1e-3 * held.mm) ** 2 - moved, 0.0) / 3)))
     freedom = max(len(views) - 2.0, 1.0)
-    return RobotSide(in_hand, budget.X, budget.Z, C, rotation, translation, _alike(steps, of_all), freedom)
+    C, arm = _with_arm(result, pictures.robot, A, C, of_places, of_pose)
+    return RobotSide(in_hand, budget.X, budget.Z, C, rotation, translation, _alike(steps, of_all), freedom, arm)
+
+
+def _with_arm(
+    result: CalibrationResult, robot: str, A: Array, C: Array, of_places: tuple[Array, Array], of_pose: Array
+) -> tuple[Array, ArmField | None]:
+    """The covariance without what the arm errs by, and that by itself. of_places: J (n, 6, 12), S (n, 6, 6)."""
+    found = result.detail(ArmErrors)
+    metres = 0.0 if found is None or robot not in found.robots else 1e-3 * found.robots[robot].held_mm
+    if not metres:
+        return C, None
+    J, S = of_places
+    weighed = np.linalg.solve(S, J)
+    white = inverse_information(np.einsum("nai,naj->ij", J, weighed))
+    pull = -white @ np.einsum("nai,nab->inb", weighed, of_pose).reshape(12, -1)
+    arm = ArmField(metres, A, pull)
+    moved, _ = arm.roots(A[:0])
+    M = np.eye(len(C))
+    M[:12, :12] = _less(C[:12, :12], moved @ moved.T, white)
+    return M @ C @ M.T, arm
+
+
+def _less(whole: Array, part: Array, least: Array) -> Array:
+    """M with M whole M^T = whole - part, and no direction's variance below that of `least`, or above the whole's."""
+    root = square_root(least)
+    back = np.linalg.pinv(root)
+    values, axes = np.linalg.eigh(back @ (whole - part) @ back.T)
+    left = root @ (axes * np.maximum(values, 1.0)) @ axes.T @ root.T
+    # In the axes of the whole, where each direction has the variance 1.
+    full = square_root(whole)
+    back = np.linalg.pinv(full)
+    values, axes = np.linalg.eigh(back @ left @ back.T)
+    return np.asarray(full @ (axes * np.sqrt(np.clip(values, 0.0, 1.0))) @ axes.T @ back)
 
 
 def _loop(
     side: RobotSide, budget: ErrorBudget, views: list[View], A: Array, sigma_px: float
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array, Array, tuple[Array, Array]]:
     """Of every view of the calibration: how far its target is from where the robot puts it, (n, 6), what is to be
-    expected of a view that was kept out, (n, 6, 6), and what an error of the pose does to it, (n, 6, 6)."""
+    expected of a view that was kept out, (n, 6, 6), what an error of the pose does to it, (n, 6, 6), and what errors of
+    camera and target do, (n, 6, 12), with the covariance (n, 6, 6) of its own noise."""
     once = np.zeros(len(views), dtype=np.int64)
     links = [Link("X", once, True), Link("A", once, side.in_hand), Link("Z", once)]
     values = [np.broadcast_to(side.X, A.shape), A, np.broadcast_to(side.Z, A.shape)]
@@ -135,8 +200,8 @@ def _loop(
     steps = se3.local(product(links, values), found.T_camera_target)
     J = np.concatenate([of_X, of_Z], axis=-1)
     of_robot = np.diag(np.repeat([side.rotation, side.translation], 3) ** 2)
-    expected = J @ side.covariance[:12, :12] @ np.swapaxes(J, -1, -2) + of_A @ of_robot @ np.swapaxes(of_A, -1, -2)
-    return steps, expected + sigma_px**2 * found.covariance, of_A
+    own = of_A @ of_robot @ np.swapaxes(of_A, -1, -2) + sigma_px**2 * found.covariance
+    return steps, J @ side.covariance[:12, :12] @ np.swapaxes(J, -1, -2) + own, of_A, (J, own)
 
 
 def _alike(steps: Array, expected: Array) -> float:

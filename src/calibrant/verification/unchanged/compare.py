@@ -128,7 +128,7 @@ def on_robot(camera: Camera, side: RobotSide, seen: Seen, T_base_gripper: Array,
 
 def _slim(root: Array) -> Array:
     """The same covariance by no more columns than rows."""
-    return np.asarray(np.linalg.qr(root.T, mode="r").T) if root.shape[1] > len(root) else root
+    return np.linalg.qr(root.T)[1].T if root.shape[1] > len(root) else root
 
 
 def standing(camera: Camera, then: View, sigma_then: Array, T_then: Array, seen: Seen, spread: Spread) -> Compared:

@@ -11,9 +11,10 @@ from calibrant.calibrate.cell.certainty.checks import (
     given_lens_check,
     lens_shift_check,
     shared_errors_check,
+    untold_lens_check,
 )
 from calibrant.calibrate.cell.certainty.moved_check import moved_check
-from calibrant.calibrate.cell.certainty.whole import Certainty, arm_errors, growth
+from calibrant.calibrate.cell.certainty.whole import Certainty, arm_errors, growth, untold
 from calibrant.calibrate.cell.checks import moments_check
 from calibrant.calibrate.cell.fitted import fitted_cameras
 from calibrant.calibrate.cell.problem.problem import Cell
@@ -50,6 +51,8 @@ def certainty_checks(cell: Cell, solution: Solution, certainty: Certainty) -> It
     for camera, doubt in certainty.doubts.items():
         name = camera if len(cell.roles) > 1 else ""
         yield from (named(c, name) for c in given_lens_check(cameras[camera], doubt, rig=cell.layout.rig))
+    if cell.layout.rig and (found := untold(cell, solution, certainty.doubts)) is not None:
+        yield untold_lens_check(found[0], certainty.doubts[found[0]], found[1])
 
 
 def arm_errors_record(cell: Cell, solution: Solution, certainty: Certainty) -> tuple[ArmErrors, ...]:

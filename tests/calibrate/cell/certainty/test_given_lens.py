@@ -89,12 +89,15 @@ def test_lenses_of_a_rig_that_agree_cost_nothing() -> None:
     known = {
         name: replace(camera, covariance=np.diag(np.full(len(camera.values), 1e-14))) for name, camera in lenses.items()
     }
-    exact, undoubted = (
-        cb.calibrate_rig(seen, cameras=cameras).transform("left", "right") for cameras in (lenses, known)
-    )
+    results = [cb.calibrate_rig(seen, cameras=cameras) for cameras in (lenses, known)]
+    exact, undoubted = (result.transform("left", "right") for result in results)
     assert exact.covariance is not None
     assert undoubted.covariance is not None
     assert np.sqrt(np.diag(exact.covariance)) == pytest.approx(np.sqrt(np.diag(undoubted.covariance)), rel=0.03)
+    said, *others = [c for result in results for c in result.checks if c.name == "exact-lenses"]
+    assert not others
+    assert said.status == "ok"
+    assert 1e-3 * (said.value or 0.0) > np.sqrt(np.trace(exact.covariance[3:, 3:]))
 
 
 def test_a_wrong_lens_of_a_rig_is_named_and_sigma_holds_it() -> None:

@@ -86,3 +86,14 @@ def given_lens_check(camera: Camera, found: LensDoubt, *, rig: bool = False) -> 
         "this camera's, at this size and focus? Without --camera the photos calibrate it"
     )
     return (Check("given-lens", "warn", message, float(np.abs(found.moved[k]) / found.sigma[k])),)
+
+
+def untold_lens_check(name: str, found: LensDoubt, metres: float) -> Check:
+    """What sigma holds nothing of: a lens that was given as exact, as far as the pictures do not tell it."""
+    told = ", ".join(f"{n} to {s:.2g} px" for n, s in zip(found.names, found.sigma))
+    message = (
+        f"the lenses count as exact and the pictures agree with them, but of {name} they only tell {told}: off by as "
+        f"much, it would move a camera by {1e3 * metres:.2g} mm, which sigma does not hold. Give cameras with their "
+        "uncertainty (a result of calibrant), or leave --camera out"
+    )
+    return Check("exact-lenses", "ok", message, 1e3 * metres)

@@ -9,7 +9,8 @@ held by it. Beyond chance it is named.
 Beside a robot that costs a twentieth. Cameras that targets moved by hand tie hang on their lenses by far more: with two
 exact lenses the depth of a point is known thirty times better than with free ones, and doubts of a few per cent, which
 data that agree leave of them, would be nearly all of sigma. There a doubt counts from where the data make it likelier
-than not (`LIKELIER`), and is nothing before; its odds are those of all exact lenses together.
+than not (`LIKELIER`), and is nothing before; its odds are those of all exact lenses together. What a lens would do
+that is off by as much as cannot be told is said beside (`untold`).
 """
 
 from __future__ import annotations
@@ -46,11 +47,12 @@ MAIN = ("fx", "fy", "cx", "cy")
 
 @dataclass(frozen=True, eq=False)
 class LensDoubt:
-    """covariance (s, s): what is added to that of the shared unknowns; chance: of a right lens that seems as far off;
-    names and moved (k,): the free parameters, and where robot and pictures put them less where they were given; sigma
-    (k,) of that."""
+    """covariance (s, s): what is added to that of the shared unknowns; could_add (s, s): what a lens that is off by as
+    much as cannot be told would; chance: of a right lens that seems as far off; names and moved (k,): the free
+    parameters, and where robot and pictures put them less where they were given; sigma (k,) of that."""
 
     covariance: Array
+    could_add: Array
     chance: float
     names: tuple[str, ...]
     moved: Array
@@ -98,7 +100,7 @@ def lens_doubt(
     doubt = doubted(C_all, d, lens_groups(names, odds=ODDS / max(hanging, 1)), SPREADS)
     off = np.zeros_like(C) if hanging and doubt.chance < LIKELIER else doubt.off
     moved = carried(solution, freed, at, but=(lens,))
-    return LensDoubt(moved @ off @ moved.T, chance, names, d, scale)
+    return LensDoubt(moved @ off @ moved.T, moved @ C_all @ moved.T, chance, names, d, scale)
 
 
 def lens_groups(names: Sequence[str], *, odds: float = ODDS) -> list[Group]:

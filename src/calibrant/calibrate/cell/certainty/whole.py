@@ -146,3 +146,20 @@ def arm_errors(cell: Cell, solution: Solution, geometries: Mapping[str, Geometry
         moved_by = float(np.sqrt(max(0.0, *added)))
         out[robot] = ArmError(1e3 * found.metres, 1e3 * found.unseen, 1e3 * moved_by, found.assumed)
     return out
+
+
+def untold(cell: Cell, solution: Solution, doubts: Mapping[str, LensDoubt]) -> tuple[str, float] | None:
+    """The exact lens of which the pictures tell least for the places of cameras, and what it may move one of them by,
+    metres; None where that is less than their sigma, and where doubts are in it."""
+    frames = [variable(f) for f in cell.layout.unknown if f[1] in cell.layout.cameras]
+    agree = {name: d for name, d in doubts.items() if not d.covariance.any()}
+    if not frames or len(agree) < len(doubts):
+        return None
+    alone, found = solution.plain, []
+    for name, doubt in agree.items():
+        could = replace(alone, beside=doubt.could_add)
+        for frame in frames:
+            added, stated = (float(np.trace(C[3:, 3:])) for C in (
+                could.covariance(frame) - alone.covariance(frame), solution.covariance(frame)))  # fmt: skip
+            found += [(name, float(np.sqrt(added)))] if added > stated else []
+    return max(found, key=lambda f: f[1], default=None)

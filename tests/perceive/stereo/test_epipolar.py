@@ -77,6 +77,23 @@ def test_what_leaves_the_direction_open_is_refused() -> None:
         relative_pose((LEFT, RIGHT), *wild, sigma_px=0.02)
 
 
+def test_no_fundamental_matrix_where_a_homography_does() -> None:
+    """The same picture twice, a camera that turned, a wall: refused; a wall with things before it is not."""
+    rng = np.random.default_rng(6)
+    wall = np.column_stack([rng.uniform([-0.5, -0.4], [0.5, 0.4], (120, 2)), np.full(120, 1.5)])
+    relief = wall - np.outer(np.arange(120) % 5 == 0, [0, 0, 0.4])
+    deep = wall + np.outer(rng.uniform(-0.4, 0.4, 120), [0, 0, 1])
+    still, turned = np.eye(4), se3.make(so3.exp([0.02, 0.1, 0.05]), np.zeros(3))
+    moved = se3.make(so3.exp([0.02, 0.1, 0.05]), [-0.1, 0.01, 0.02])
+    for points, T, noise in ((deep, still, 0.0), (deep, turned, 0.3), (wall, moved, 0.3)):
+        uv = np.stack([PINHOLE.project(points), PINHOLE.project(se3.apply(T, points))])
+        with pytest.raises(RefusedError, match="one homography holds for the matches"):
+            fundamental_from_matches(*(uv + noise * rng.normal(size=uv.shape)))
+    for points in (deep, relief):
+        uv = np.stack([PINHOLE.project(points), PINHOLE.project(se3.apply(moved, points))])
+        assert fundamental_from_matches(*(uv + 0.3 * rng.normal(size=uv.shape))).fitting.mean() > 0.9
+
+
 def test_bad_input_is_named() -> None:
     uv = _matches(20, 7)
     with pytest.raises(InputError, match="as many of each"):

@@ -76,7 +76,7 @@ def fundamental_from_matches(uv_a: ArrayLike, uv_b: ArrayLike, *, sigma_px: floa
     """F of matches (n, 2) each, n >= 8, wrong ones among them.
 
     Args: sigma_px: noise of a right match per axis. Raises: InputError for shapes, NaN, too few; RefusedError where no
-    eight of them agree.
+    eight of them agree, or a homography holds for them as well: any F = [e]x H is then as good (H&Z, 13.6).
     """
     a, b = _checked(uv_a, uv_b, LEAST_MATCHES)
     cv2.setRNGSeed(0)
@@ -88,7 +88,28 @@ def fundamental_from_matches(uv_a: ArrayLike, uv_b: ArrayLike, *, sigma_px: floa
         raise RefusedError(f"a fundamental matrix holds for {int(fitting.sum())} of {len(a)} matches; expected eight")
     unit: Array = np.asarray(F, dtype=np.float64) / float(np.linalg.norm(F))
     distance = projective.sampson_distance(unit, a[fitting], b[fitting])
+    _refuse_flat(a[fitting], b[fitting], distance)
     return Fundamental(unit, fitting, float(np.sqrt(np.mean(distance**2))))
+
+
+def _refuse_flat(a: Array, b: Array, distance: Array) -> None:
+    """Raises: RefusedError where a homography leaves of the matches what noise does, by the 95 % of either.
+
+    Of noise sigma per axis in both pictures F leaves distances of sigma along a line, H of sqrt(2) sigma along two axes
+    (where it keeps the scale).
+    """
+    H, _ = cv2.findHomography(a, b, cv2.USAC_MAGSAC, 1.0)
+    if H is None:
+        return
+    off = np.linalg.norm(projective.apply_homography(H, a) - b, axis=1)
+    by_plane = float(np.quantile(off, 0.95)) / (2.448 * np.sqrt(2))
+    by_lines = float(np.quantile(distance, 0.95)) / 1.960
+    if by_plane <= max(_ONE_PLACE * by_lines, 1e-6):
+        raise RefusedError(
+            f"one homography holds for the matches, to {by_plane:.2g} px (1 sigma): the camera stood still or only "
+            "turned, or what it saw is flat, and many fundamental matrices would do; move the camera, and show things "
+            "at different distances. For something flat give the cameras, which tell the pose then"
+        )
 
 
 def relative_pose(

@@ -15,6 +15,8 @@ def _headline(result: CalibrationResult) -> list[Fact]:
         turns, C = estimate.sigma_rotation_deg, estimate.covariance
         if turns is not None and C is not None:
             out.append(Fact("rotation", f"± {sigma_text(float(turns.max()))} deg", "1σ, worst axis"))
+        if "baseline" not in result.options:
+            out.append(Fact("length", "unknown", "of the baseline, which is put down as 1000 mm; --baseline gives it"))
     if "fitting" in figures:
         text = f"{figures['fitting'].value:.0f} of {figures['matches'].value:.0f}"
         out.append(Fact("matches on their lines", text, f"to {plain(figures['rms'].value, digits=3)} px RMS"))

@@ -45,6 +45,8 @@ def test_the_relative_pose_from_features(calibrant, pair: Path, tmp_path: Path) 
     assert deg < 0.5
     assert max(found["transforms"][0]["sigma_translation_mm"]) < 4
     assert cv2.imread(str(tmp_path / "lines.png")).shape == (240, 640, 3)
+    assert "1000 mm" not in calibrant("epipolar", *sides, *known).out
+    assert "put down as 1000 mm" in " ".join(calibrant("epipolar", *sides, *known[:3]).out.split())
 
 
 def test_pictures_alone_and_against_a_calibration(calibrant, pair: Path, tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, TransformEstimate, as_transform
 from calibrant.errors import InputError
+from calibrant.formats.cameras.camera_format import numbers
 from calibrant.formats.cameras.described import described_camera
 from calibrant.formats.cameras.opencv import distortion_coefficients
 from calibrant.formats.documents.document import Document
@@ -117,20 +118,16 @@ def _pose(data: Mapping[str, Any], i: int) -> Array | None:
     """[R_i, T_i] as it stands, T in metres; None where there is none. Raises: InputError for what is no pose."""
     if f"R_{i}" not in data and f"T_{i}" not in data:
         return None
-    try:
-        R, t = (np.asarray(data[f"{part}_{i}"], dtype=np.float64) for part in "RT")
-    except KeyError as error:
-        raise InputError(f"{error.args[0]} is missing beside its other half") from None
-    except (TypeError, ValueError) as error:
-        raise InputError(f"R_{i} or T_{i} are no numbers ({error})") from None
-    if (
-        R.size != 9
-        or t.size != 3
-        or not np.all(np.isfinite(t))
-        or not so3.is_rotation(R.reshape(3, 3), tolerance=_ROUNDED)
-    ):
-        raise InputError(f"R_{i} {R.shape} and T_{i} {t.shape} are no rotation (3, 3) and translation of three numbers")
-    return se3.make(so3.nearest(R.reshape(3, 3)), t.ravel() / _MM)
+    missing = next((f"{part}_{i}" for part in "RT" if f"{part}_{i}" not in data), None)
+    if missing is not None:
+        raise InputError(f"{missing} is missing beside its other half")
+    R, t = (numbers(data[f"{part}_{i}"], f"{part}_{i}") for part in "RT")
+    sizes = R.size == 9 and t.size == 3 and bool(np.all(np.isfinite(t)))
+    if not sizes or not so3.is_rotation(R.reshape(3, 3), tolerance=_ROUNDED):
+        raise InputError(
+            f"R_{i} ({R.size} numbers) and T_{i} ({t.size}) are no rotation of nine numbers and translation of three"
+        )
+    return se3.make(so3.nearest(R.reshape(3, 3)), t / _MM)
 
 
 def _is_at_itself(data: Mapping[str, Any], i: int) -> bool:
@@ -158,15 +155,10 @@ def _places(
 
 def _camera(data: Mapping[str, Any], i: int, image_size: Size | None, source: str) -> Camera:
     """K_i and kc_i. The format holds no image size: without one it is taken as twice the principal point, and said."""
-    keys = {"K": data[f"K_{i}"], "kc": data.get(f"kc_{i}", [])}
-    if not np.asarray(keys["kc"]).size:
-        keys.pop("kc")
-    else:
-        keys["kc"] = np.asarray(keys["kc"]).ravel()
-    K = np.asarray(keys["K"], dtype=np.float64)
+    K, kc = (numbers(data.get(f"{part}_{i}", []), f"{part}_{i}") for part in ("K", "kc"))
     if K.size != 9:
         raise InputError(f"K_{i} holds {K.size} numbers, expected 9, row by row")
-    keys["K"] = K.reshape(3, 3)
+    keys: dict[str, Any] = {"K": K.reshape(3, 3)} | ({"kc": kc} if kc.size else {})
     if f"image_width_{i}" in data:
         keys |= {"image_width": data[f"image_width_{i}"], "image_height": data.get(f"image_height_{i}")}
     elif image_size is None:

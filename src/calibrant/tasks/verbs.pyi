@@ -95,6 +95,8 @@ def stereo(
     model: Words = (),
     fix: Words = (),
     same_focal: bool = False,
+    max_iterations: int = 100,
+    epsilon: str | None = None,
     camera: Words = (),
     initial: Words = (),
     mark_left: str | None = None,

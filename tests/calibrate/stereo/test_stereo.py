@@ -16,7 +16,7 @@ from calibrant.calibrate.stereo.pairs import epipolar_errors, fundamental, seen_
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Observations
 from calibrant.data.details import EpipolarErrors, StereoGeometry, TriangulatedEdges
-from calibrant.errors import InputError
+from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3, so3
 from calibrant.simulate.scenes import grid, standard_camera
 from calibrant.simulate.stereo import StereoScene, stereo_scene
@@ -248,3 +248,17 @@ def test_one_focal_length_needs_both_free() -> None:
     ):
         with pytest.raises(InputError, match=words):
             cb.calibrate_stereo(scene.observations, same_focal=True, **given)
+
+
+def test_the_solver_stops_when_it_is_told() -> None:
+    observations = stereo_scene(3).observations
+    least, early = (cb.calibrate_stereo(observations, epsilon_px=e) for e in (0.0, 1e-9))
+    assert early.options["epsilon_px"] == 1e-9
+    assert early.check("termination").status == "ok"
+    assert early.figures["baseline"].value == pytest.approx(least.figures["baseline"].value, abs=1e-3)
+    coarse = cb.calibrate_stereo(observations, epsilon_px=0.01)
+    assert coarse.check("termination").status == "warn"
+    with pytest.raises(RefusedError, match="convergence"):
+        cb.calibrate_stereo(observations, max_iterations=1)
+    with pytest.raises(InputError, match="max_iterations is 1 or more"):
+        cb.calibrate_stereo(observations, max_iterations=0)

@@ -57,6 +57,7 @@ from calibrant.calibrate.cell.result import along_with_lenses, cell_result, with
 from calibrant.calibrate.cell.rig_checks import better_start
 from calibrant.calibrate.cell.sizes import Sizes, target_sizes, with_lens_free, with_sizes_free
 from calibrant.calibrate.cell.starts.cell import CellStart, cell_start
+from calibrant.calibrate.intrinsics.fit import ORDINARY, Stopping
 from calibrant.calibrate.review.review import review
 from calibrant.calibrate.solvers.setup import get_setup
 from calibrant.cameras import Camera
@@ -216,17 +217,18 @@ def fit_cell(
     rigid: Sequence[Sequence[str]] = (),
     same_focal: tuple[()] | tuple[str, str] = (),
     touches: Sequence[Touches] = (),
+    stop: Stopping = ORDINARY,
 ) -> CellFit:
     """The fit behind `calibrate_cell`; arguments and errors as there. reference: the root camera of a rig; together:
     cameras that their own views need not determine (`LensChoice`); times, time_offsets, readout: as `calibrate_rig` has
-    them; same_focal: two cameras, both calibrated from their pictures, of one focal length."""
+    them; same_focal: two cameras, both calibrated from their pictures, of one focal length; stop: every solver."""
     where = layout(robots, _with_own_ids(_listed(pictures)), reference, rigid, touches)
     for name in accuracies or {}:
         if name not in where.robots:
             there = ", ".join(where.robots)
             raise InputError(f"the accuracy of robot {name!r}, which has no poses; there are {there or 'none'}")
     lenses = lens_choices(
-        where.cameras_with_images, cameras=cameras, initial=initial, model=model, fix=fix, together=together
+        where.cameras_with_images, cameras=cameras, initial=initial, model=model, fix=fix, together=together, stop=stop
     )
     if any(lenses[name].given is not None for name in same_focal):
         raise InputError("same focal lengths are found from the pictures of both cameras: give neither (cameras)")
@@ -243,7 +245,7 @@ def fit_cell(
             clocks = clocks_asked(whole, offsets=time_offsets, readout=readout)
             noise, cell = refined_with_clocks(whole, start.transforms, start.spread, clocks)
         else:
-            noise, cell, elsewhere = better_start(whole, *refined(whole, start.transforms, start.spread))
+            noise, cell, elsewhere = better_start(whole, *refined(whole, start.transforms, start.spread, stop), stop)
             numbering = (*numbering, *elsewhere)
         sizes = target_sizes(cell, start.data, noise.solution)
         freed = with_sizes_free(cell, noise.solution, sizes.targets)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from calibrant.calibrate.intrinsics.fit import ORDINARY, Stopping
 from calibrant.cameras import Camera
 from calibrant.data import DEFAULT_CAMERA
 from calibrant.errors import InputError
@@ -23,7 +24,7 @@ class LensChoice:
 
     fix: names of what is held; initial: where its calibration starts, and what is held is held at. together: its own
     views need not determine it: it starts at `initial` and is found in the whole alone, weak terms of distortion held
-    near nothing (`weak_terms`).
+    near nothing (`weak_terms`). stop: when the solver of its own calibration does.
     """
 
     given: Camera | None = None
@@ -31,6 +32,7 @@ class LensChoice:
     model: str = MODEL
     fix: tuple[str, ...] = ()
     together: bool = False
+    stop: Stopping = ORDINARY
 
 
 def lens_choices(
@@ -41,6 +43,7 @@ def lens_choices(
     model: ForEach,
     fix: FixForEach,
     together: Collection[str] = (),
+    stop: Stopping = ORDINARY,
 ) -> dict[str, LensChoice]:
     """The choice for each of the cameras that have pictures.
 
@@ -69,6 +72,7 @@ def lens_choices(
             model=models.get(n, MODEL),
             fix=tuple(held.get(n, ())),
             together=n in together,
+            stop=stop,
         )
         for n in names
     }

@@ -12,6 +12,7 @@ from calibrant.calibrate.cell.lens_choice import LensChoice
 from calibrant.calibrate.cell.problem.camera_role import CameraRole, found_camera, prior_camera
 from calibrant.calibrate.cell.problem.views import LEAST_SIGMA_PX
 from calibrant.calibrate.cell.problem.views import MINIMUM_POINTS as ENOUGH_POINTS
+from calibrant.calibrate.intrinsics.fit import ORDINARY
 from calibrant.calibrate.intrinsics.one_model import calibrate_keeping
 from calibrant.calibrate.pose.target_poses import target_poses
 from calibrant.calibrate.reprojection.held import ASPECT, expand_fix
@@ -21,7 +22,7 @@ from calibrant.calibrate.reprojection.weights import reweighted
 from calibrant.calibrate.starts.any_lens import transferred
 from calibrant.cameras import Camera, camera_model
 from calibrant.data import Observations, RobotPoses, View, ViewResult
-from calibrant.errors import InputError
+from calibrant.errors import InputError, RefusedError
 from calibrant.optimize.losses import Loss, cauchy
 
 ON_A_LINE = 1e-4
@@ -74,7 +75,9 @@ def photographed(lists: Sequence[Observations], lens: LensChoice) -> Photographe
         return _placed(lists, every, lens, lens.initial)
     else:
         together = replace(lists[0], views=every)
-        kept = calibrate_keeping(together, model=lens.model, fix=lens.fix, initial=lens.initial)
+        kept = calibrate_keeping(together, model=lens.model, fix=lens.fix, initial=lens.initial, stop=lens.stop)
+        if not kept.solution.converged and lens.stop != ORDINARY:
+            raise RefusedError(f"convergence: its own photos' calibration {kept.solution.message}; allow more steps")
         role = found_camera(kept.result.camera, lens.fix)
         views, left_out = kept.views, tuple(v for v in kept.result.views if not v.used)
         sigma = max(kept.result.sigma_px or 0.0, LEAST_SIGMA_PX)

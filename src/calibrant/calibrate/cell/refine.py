@@ -16,6 +16,7 @@ from calibrant.calibrate.cell.problem.layout import Frame
 from calibrant.calibrate.cell.problem.problem import Cell, cell_problem
 from calibrant.calibrate.cell.problem.problem import places as rows_of
 from calibrant.calibrate.cell.problem.views import HandEyeViews
+from calibrant.calibrate.intrinsics.fit import ORDINARY, Stopping
 from calibrant.calibrate.reprojection.outliers import mark
 from calibrant.errors import RefusedError, causes
 from calibrant.optimize.levenberg_marquardt import SolverOptions
@@ -32,16 +33,17 @@ LEAST_SIGMA_START = 1e-6
 """Start of a noise level when the closed form fits exactly: radians and metres."""
 
 
-def refined(cell: Cell, transforms: Mapping[Frame, Array], spread: tuple[float, float]) -> tuple[NoiseEstimate, Cell]:
+def refined(
+    cell: Cell, transforms: Mapping[Frame, Array], spread: tuple[float, float], stop: Stopping = ORDINARY
+) -> tuple[NoiseEstimate, Cell]:
     """The fit with its noise levels, and what is left of the cell.
 
-    transforms: the start; spread: what a loop errs by typically, radians and metres. Raises: RefusedError naming what
-    the pictures do not determine.
+    transforms: the start; spread: what a loop errs by typically, radians and metres; stop: each solve. Raises:
+    RefusedError naming what the pictures do not determine.
     """
     sigmas = cell.levels((max(spread[0], LEAST_SIGMA_START), max(spread[1], LEAST_SIGMA_START)))
     cell, transforms = in_sight(cell, transforms)
-    # A handheld target's poses are from the same pictures: the start is a step from the optimum, damping costs steps.
-    options = NEARLY_UNDAMPED if cell.layout.rig else None
+    options = _options(cell, sigmas, stop)
     rounds = MAX_CLEANING_ROUNDS + sum(int(f.keep.sum()) for f in cell.free.values())
     for k in range(rounds + 1):
         noise = estimate_noise(cell_problem(cell, transforms, sigmas), floors=cell.floors(), options=options)
@@ -54,6 +56,20 @@ def refined(cell: Cell, transforms: Mapping[Frame, Array], spread: tuple[float, 
             break
         cell, transforms, sigmas = cleaned, fitted_places(cell, solution), dict(solution.sigmas)
     return held_levels(noise, options=options), cell
+
+
+def _options(cell: Cell, sigmas: Mapping[str, float], stop: Stopping) -> SolverOptions | None:
+    """How each solve goes; None as usual. Residuals are over their sigma here: an epsilon in pixels is so too."""
+    # A handheld target's poses are from the same pictures: the start is a step from the optimum, damping costs steps.
+    usual = NEARLY_UNDAMPED if cell.layout.rig else None
+    if stop == ORDINARY:
+        return usual
+    points = sum(len(v) for i, _, _ in cell.lists for v in cell.used_views(i))
+    asked = stop.options(points)
+    pixel = max((sigmas[cell.pixel_group(name)] for name in cell.roles), default=1.0)
+    return replace(
+        usual or SolverOptions(), max_iterations=asked.max_iterations, norm_tolerance=asked.norm_tolerance / pixel
+    )
 
 
 UNSEEN = "by the other cameras its target is not before this one with all its points"

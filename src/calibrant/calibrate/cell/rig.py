@@ -15,6 +15,7 @@ from collections.abc import Collection, Mapping, Sequence
 from calibrant.calibrate.cell.calibrate import CellFit, fit_cell, judged_cell
 from calibrant.calibrate.cell.lens_choice import MODEL, FixForEach, ForEach, lenses_asked
 from calibrant.calibrate.cell.problem.layout import HANDHELD, TARGET, Pictures
+from calibrant.calibrate.intrinsics.fit import ORDINARY, Stopping
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Observations
 from calibrant.errors import InputError
@@ -97,9 +98,10 @@ def fit_rig(
     readout: bool = False,
     rigid: Sequence[Sequence[str]] = (),
     same_focal: bool = False,
+    stop: Stopping = ORDINARY,
 ) -> CellFit:
     """The fit behind `calibrate_rig`; arguments and errors as there. together: as `fit_cell` has it; same_focal: of a
-    rig of two."""
+    rig of two; stop: every solver."""
     expect(observations, (Observations, Mapping), "observations", "Observations of two cameras or more")
     targets = {TARGET: observations} if isinstance(observations, Observations) else dict(observations)
     for target, seen in targets.items():
@@ -123,6 +125,7 @@ def fit_rig(
         readout=readout,
         rigid=rigid,
         same_focal=(names[0], names[1]) if same_focal else (),
+        stop=stop,
     )
 
 

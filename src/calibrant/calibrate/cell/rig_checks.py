@@ -24,6 +24,7 @@ from calibrant.calibrate.cell.problem.problem import places as rows_of
 from calibrant.calibrate.cell.refine import NEARLY_UNDAMPED, refined
 from calibrant.calibrate.cell.starts.cell import LEVEL_START, CellStart
 from calibrant.calibrate.cell.starts.handheld import fewest, handheld_start
+from calibrant.calibrate.intrinsics.fit import ORDINARY, Stopping
 from calibrant.calibrate.reprojection.in_fit import seen_in_fit
 from calibrant.data import Check, Measured
 from calibrant.data.details import SharedMoments
@@ -81,11 +82,13 @@ def rig_checks(cell: Cell, start: CellStart, noise: NoiseEstimate) -> tuple[Chec
     return *shared, questions.rigidity_check(joint, own, suspected)
 
 
-def better_start(first: Cell, noise: NoiseEstimate, cell: Cell) -> tuple[NoiseEstimate, Cell, tuple[Check, ...]]:
+def better_start(
+    first: Cell, noise: NoiseEstimate, cell: Cell, stop: Stopping = ORDINARY
+) -> tuple[NoiseEstimate, Cell, tuple[Check, ...]]:
     """The better of the fit and of one that starts from another tree of pairs, where a rig errs by more than its
     cameras; and what was found.
 
-    first: the cell before anything was left out of it; noise, cell: its fit.
+    first: the cell before anything was left out of it; noise, cell: its fit; stop: of the solves.
     """
     if not cell.layout.rig or len(cell.layout.cameras) < 2:
         return noise, cell, ()
@@ -95,7 +98,7 @@ def better_start(first: Cell, noise: NoiseEstimate, cell: Cell) -> tuple[NoiseEs
         return noise, cell, ()
     try:
         places, _ = handheld_start(first.layout, first.data, rank=fewest)
-        other, left = refined(first, places, LEVEL_START)
+        other, left = refined(first, places, LEVEL_START, stop)
     except CalibrantError:
         return noise, cell, ()  # what the first start tied by many moments may not be tied by few
     again = pooled([left.pixel_level(other.levels, c) for c in left.roles])

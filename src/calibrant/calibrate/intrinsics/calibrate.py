@@ -5,23 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from calibrant.calibrate.intrinsics.checks import focal_length_with_faults
-from calibrant.calibrate.intrinsics.fit import ORDINARY, Stopping
+from calibrant.calibrate.intrinsics.fit import ORDINARY
 from calibrant.calibrate.intrinsics.model_choice import AUTO, calibrate_auto
 from calibrant.calibrate.intrinsics.one_model import calibrate_keeping
 from calibrant.calibrate.intrinsics.rolling_fit import GLOBAL, ROLLING, SHUTTERS
+from calibrant.calibrate.intrinsics.stopping import stopped, stopping
 from calibrant.calibrate.intrinsics.target_shape import FLAT
 from calibrant.calibrate.review.review import review
 from calibrant.cameras import Camera
-from calibrant.data import CalibrationResult, Check, Observations, verdict_of
+from calibrant.data import CalibrationResult, Observations, verdict_of
 from calibrant.data.verdicts import refuse_if_failed
 from calibrant.errors import InputError
 from calibrant.expected import expect
-
-NEGLIGIBLE = 0.1
-"""Of a sigma: what adds half a per cent to it."""
 
 
 def calibrate_intrinsics(
@@ -64,7 +60,7 @@ def calibrate_intrinsics(
         )
     expect(model, str, "model", "a camera model's name, such as 'brown'")
     expect(initial, (Camera, type(None)), "initial", "a Camera")
-    stop = _stopping(max_iterations, epsilon_px)
+    stop = stopping(max_iterations, epsilon_px)
     _check_shutter(shutter, model=model, target_shape=target_shape)
     if model == AUTO and stop != ORDINARY:
         raise InputError("max_iterations and epsilon are of one model: with auto, each is fitted to its least error")
@@ -74,7 +70,7 @@ def calibrate_intrinsics(
         observations, model=model, fix=fix, initial=initial, max_error_px=max_error_px, target_shape=target_shape,
         shutter=shutter, stop=stop,
     )  # fmt: skip
-    return _reviewed(_stopped(kept.result, stop))
+    return _reviewed(stopped(kept.result, stop))
 
 
 def _check_shutter(shutter: str, *, model: str, target_shape: str) -> None:
@@ -85,38 +81,6 @@ def _check_shutter(shutter: str, *, model: str, target_shape: str) -> None:
         raise InputError("a rolling shutter is estimated with one model: choose with auto on photos taken at rest")
     if shutter == ROLLING and target_shape != FLAT:
         raise InputError("a view's motion hides a board's shape: estimate the one or the other, not both at once")
-
-
-def _stopping(max_iterations: int, epsilon_px: float) -> Stopping:
-    """Raises: InputError for values that no solver can do with."""
-    if max_iterations < 1 or not 0 <= epsilon_px < float("inf"):
-        raise InputError(
-            f"max_iterations is 1 or more and epsilon 0 px or more, got {max_iterations} and {epsilon_px} px"
-        )
-    return Stopping(max_iterations, epsilon_px)
-
-
-def _stopped(result: CalibrationResult, stop: Stopping) -> CalibrationResult:
-    """The result with what was asked of the solver and, of an epsilon, how far from the least error it may be.
-
-    A step that would lower the RMS error e of n points by eps has lowered their cost by no more than n e eps; in sigmas
-    of the noise, e / sqrt(2) per axis, it is no longer than sqrt(4 n eps / e).
-    """
-    if stop == ORDINARY:
-        return result
-    options = {**result.options, "max_iterations": stop.max_iterations, "epsilon_px": stop.epsilon_px}
-    done = replace(result, options=options)
-    points = sum(v.points for v in result.views if v.used)
-    if not stop.epsilon_px or not result.rms_px:
-        return done
-    sigmas = float(np.sqrt(4 * points * stop.epsilon_px / result.rms_px))
-    text = f"stopped at epsilon {stop.epsilon_px:g} px, up to {sigmas:.2g} sigma from the least error"
-    coarse = sigmas > NEGLIGIBLE
-    check = Check(
-        "termination", "warn" if coarse else "ok", text + (", which no sigma holds" if coarse else ""), sigmas
-    )
-    checks = (*result.checks, check)
-    return replace(done, checks=checks, verdict=verdict_of(checks))
 
 
 def _reviewed(result: CalibrationResult) -> CalibrationResult:

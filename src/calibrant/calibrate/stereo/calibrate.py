@@ -17,6 +17,7 @@ from calibrant.calibrate.cell.certainty.checks import BY_OTHERS
 from calibrant.calibrate.cell.fitted import fitted_cameras
 from calibrant.calibrate.cell.lens_choice import MODEL, FixForEach, ForEach
 from calibrant.calibrate.cell.rig import asked_of_rig, fit_rig
+from calibrant.calibrate.intrinsics.stopping import stopped, stopping
 from calibrant.calibrate.stereo import checks as questions
 from calibrant.calibrate.stereo.depth import point_certainty
 from calibrant.calibrate.stereo.edges import triangulated_edges
@@ -40,12 +41,15 @@ def calibrate_stereo(
     model: ForEach = MODEL,
     fix: FixForEach = (),
     same_focal: bool = False,
+    max_iterations: int = 100,
+    epsilon_px: float = 0.0,
 ) -> CalibrationResult:
     """Calibrate two cameras that are fixed to each other; the first of the observations is the left one.
 
     Arguments, fit and digits are those of `calibrate_rig`: cameras known (held within their covariance), guessed
     (initial) or free, each by its name; views of one `moment` were taken at once. same_focal: fx and fy are one
-    unknown each for both cameras. Returns a result of kind "stereo":
+    unknown each for both cameras. max_iterations, epsilon_px: each solve stops after so many steps, unconverged, and
+    when the next one would lower the RMS error by less; 0: at the least error. Returns a result of kind "stereo":
     T_left_right (coordinates of the right camera into the left one), `StereoGeometry` with OpenCV's R, t, E and F,
     `EpipolarErrors`, `TriangulatedEdges`; figures "baseline" (mm), "epipolar RMS" (px), "edge RMS"
     (mm) and "depth" (mm, of a point amid the boards, with the sigma that the calibration leaves in it).
@@ -65,12 +69,16 @@ def calibrate_stereo(
             f"stereo takes two cameras, the observations have {len(names)}: {', '.join(names)}; calibrate_rig takes "
             "any number"
         )
-    fit = fit_rig(observations, cameras=cameras, initial=initial, model=model, fix=fix, same_focal=same_focal)
+    stop = stopping(max_iterations, epsilon_px)
+    fit = fit_rig(
+        observations, cameras=cameras, initial=initial, model=model, fix=fix, same_focal=same_focal, stop=stop
+    )
     asked = asked_of_rig(model, fix, initial) | ({"same_focal": True} if same_focal else {})
     free = None
     if same_focal and _bent(fit):
-        free = fit_rig(observations, cameras=cameras, initial=initial, model=model, fix=fix)
+        free = fit_rig(observations, cameras=cameras, initial=initial, model=model, fix=fix, stop=stop)
     result = stereo_result(fit, reviewed_cell(fit, asked), None if free is None or _bent(free) else free)
+    result = stopped(result, stop)
     refuse_if_failed(result)
     return result
 

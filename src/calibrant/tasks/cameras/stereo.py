@@ -62,6 +62,10 @@ class Request:
     """Hold these: fx fy cx cy k1 k2 k3 p1 p2, aspect, radial, tangential, focal, principal; of one camera: left:k3."""
     same_focal: bool = False
     """Both cameras have one focal length: fx and fy are one unknown each."""
+    max_iterations: Annotated[int, Option("N")] = 100
+    """Steps of each solve; a calibration that has not converged by then is refused."""
+    epsilon: Annotated[str | None, Option("PX")] = None
+    """Stop when a step would lower the RMS error by less than this, e.g. 1e-6px; without it, at the least error."""
     camera: Annotated[tuple[str, ...], Option("SIDE=FILE")] = ()
     """Known camera (any format), held within its uncertainty: left=left.json. Both: give the option twice."""
     initial: Annotated[tuple[str, ...], Option("SIDE=FILE")] = ()
@@ -155,6 +159,8 @@ def _calibrated(found: Observations, request: Request) -> CalibrationResult:
         model=_same_for_both(model, names, "brown"),
         fix=_same_for_both(fix, names, ()),
         same_focal=request.same_focal,
+        max_iterations=request.max_iterations,
+        epsilon_px=pixels(request.epsilon, option="--epsilon") or 0.0,
     )
 
 

@@ -124,6 +124,11 @@ def an_object(path: Path) -> None:
     np.save(path, np.array([{"a": 1}], dtype=object))
 
 
+def damaged_header(path: Path) -> None:
+    np.save(path, T)
+    path.write_bytes(path.read_bytes().replace(b"}", b" ", 1))
+
+
 def text_of_no_poses(path: Path) -> None:
     path.write_text("[[ 1.0 2.0 ]\n [ 3.0 4.0 ]]\n")
 
@@ -137,6 +142,7 @@ def text_of_no_poses(path: Path) -> None:
         ("flat.npy", lambda p: np.save(p, np.arange(7.0)), r"shape \(7,\)"),
         ("words.npy", lambda p: np.save(p, np.array([["a", "b"]])), "expected numbers"),
         ("cut.npz", lambda p: p.write_bytes(b"PK\x03\x04 and no more"), "cannot be read as NumPy"),
+        ("header.npy", damaged_header, "header.npy cannot be read .*: its header is damaged"),
         ("uneven.npz", lambda p: np.savez(p, robot=T, target=T[:4]), "arrays of different lengths"),
         ("small.txt", text_of_no_poses, r"small\.txt\[0\]: 2 numbers, expected 6 or 7"),
     ],

@@ -117,7 +117,9 @@ def _array(data: bytes, path: Path, what: str) -> NDArray[Any]:
         shape, fortran, dtype = read(stream)
     except _NO_HEADER as error:
         known = foreign(data, path)
-        words = known if known is not None and known != "NumPy's array file" else error
+        # What Python's parser says of a damaged header is no word to a person.
+        said = error if isinstance(error, ValueError | EOFError) else "its header is damaged"
+        words = known if known is not None and known != "NumPy's array file" else said
         raise InputError(f"{path} cannot be read as NumPy's arrays of numbers: {words}") from None
     if dtype.hasobject:
         raise InputError(

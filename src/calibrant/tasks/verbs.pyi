@@ -290,6 +290,7 @@ def epipolar(
     sigma_px: str = "0.5px",
     baseline: str | None = None,
     drawing: str | Path | None = None,
+    points: str | Path | None = None,
     force: bool = False,
 ) -> CalibrationResult: ...
 def point(

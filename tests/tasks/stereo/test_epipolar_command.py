@@ -8,11 +8,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from tests.perceive.stereo.made import small_eyes
+from tests.perceive.stereo.made import pixels_of, seen_points, small_eyes
 from tests.perceive.stereo.rendered import photograph, scene
 
 from calibrant.data import CalibrationResult, as_transform
 from calibrant.geometry import se3
+from calibrant.perceive.stereo.points import points_from_matches
 
 EYES = small_eyes()
 
@@ -63,9 +64,26 @@ def test_pictures_alone_and_against_a_calibration(calibrant, pair: Path, tmp_pat
     assert "are the sides exchanged" in " ".join(wrong.err.split())
 
 
+def test_points_of_matches_with_their_sigma(calibrant, pair: Path, tmp_path: Path) -> None:
+    X = seen_points(EYES, 30, np.random.default_rng(3))
+    uv = pixels_of(EYES, X)
+    matches, points = tmp_path / "matches.csv", tmp_path / "points.csv"
+    rows = np.column_stack([uv[0], uv[1]])
+    np.savetxt(matches, rows, delimiter=",", header="u_left,v_left,u_right,v_right", comments="", fmt="%.12g")
+    sides = ["--left", pair / "left.png", "--right", pair / "right.png", "--stereo", pair / "stereo.json"]
+    done = calibrant("epipolar", *sides, "--matches", matches, "--points", points)
+    assert done.status == 0, done.err
+    found = np.genfromtxt(points, delimiter=",", names=True)
+    np.testing.assert_allclose(np.column_stack([found[n] for n in "xyz"]), X, atol=1e-7)
+    expected = points_from_matches(EYES, uv, sigma_px=0.5)
+    np.testing.assert_allclose(found["sigma_z"], expected.sigma_z, rtol=1e-6)
+    assert np.all(found["sigma_z_calibration"] == 0)
+
+
 @pytest.mark.parametrize(
     ("more", "words"),
     [
+        (["--points", "p.csv"], "give --stereo"),
         (["--baseline", "120mm"], "give --camera too"),
         (["--camera", "a.json", "--stereo", "b.json"], "leave out --camera"),
         (["--sigma-px", "1"], "--sigma-px takes"),

@@ -26,6 +26,10 @@ if TYPE_CHECKING:
     from calibrant.perceive.stereo.lines import Line
 
 EXAMPLE = 'cb.epipolar(left="left.png", right="right.png", camera=["left.json", "right.json"], drawing="lines.png")'
+POINT_COLUMNS = (
+    *("u_left", "v_left", "u_right", "v_right", "x", "y", "z", "sigma_x", "sigma_y", "sigma_z"),
+    "sigma_z_calibration",
+)
 FEW = 0.5
 """Part of the matches that fit, below which the geometry rests on the fewer ones."""
 
@@ -58,6 +62,8 @@ class Request:
     """Distance of the cameras, 120mm, where it is known."""
     drawing: Annotated[Path | None, Option("FILE.png", output="file")] = None
     """Draw matches and lines over both pictures."""
+    points: Annotated[Path | None, Option("FILE.csv", output="file")] = None
+    """With --stereo: the points that the matches on their lines are of, left camera's frame, metres, with 1 sigma."""
 
 
 def reads(request: Request) -> list[Path]:
@@ -75,6 +81,8 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
         raise InputError("--stereo holds the cameras: leave out --camera")
     if request.baseline is not None and not request.camera:
         raise InputError("--baseline gives a relative pose its length: give --camera too")
+    if request.points is not None and request.stereo is None:
+        raise InputError("--points are measured by a calibration of both cameras: give --stereo")
     sigma = pixels(request.sigma_px, option="--sigma-px") or 0.0
     images = [load_image(file) for file in (request.left, request.right)]
     sizes = [(image.shape[1], image.shape[0]) for image in images]
@@ -93,10 +101,26 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
         lines = (line_of_matrix(found.F, sizes[1]), line_of_matrix(found.F.T, sizes[0]))
         fitting = found.fitting
         result = _result(request, uv, fitting, found.rms_px, F=found.F)
-    drawn = () if request.drawing is None else (
-        Document(request.drawing, partial(_drawn, images, uv[:, fitting], lines, request.drawing)),
-    )  # fmt: skip
-    return Outcome(result=result, documents=drawn)
+    documents = []
+    if request.drawing is not None:
+        documents.append(Document(request.drawing, partial(_drawn, images, uv[:, fitting], lines, request.drawing)))
+    if request.points is not None:
+        documents.append(Document(request.points, _points_csv(request, uv[:, fitting], sigma)))
+    return Outcome(result=result, documents=documents)
+
+
+def _points_csv(request: Request, uv: Array, sigma: float) -> bytes:
+    """Pixels and points of the matches, a row each; those whose rays do not meet before the cameras are left out."""
+    from calibrant.formats.cameras.read import read_pair
+    from calibrant.perceive.stereo.eyes import eyes_of
+    from calibrant.perceive.stereo.points import points_from_matches
+
+    found = points_from_matches(eyes_of(read_pair(request.stereo)), uv, sigma_px=sigma)  # type: ignore[arg-type]
+    sigmas = np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2))
+    by_calibration = np.sqrt(found.calibration[:, 2, 2])
+    table = np.column_stack([uv[0], uv[1], found.points, sigmas, by_calibration])[found.found]
+    lines = [",".join(POINT_COLUMNS), *(",".join(f"{v:.9g}" for v in row) for row in table)]
+    return ("\n".join(lines) + "\n").encode()
 
 
 def _matches(request: Request, images: list[Any]) -> Array:

@@ -73,3 +73,21 @@ def test_medians_are_those_of_the_readable_form_and_a_third_of_wrong_ones_hardly
     mm, deg = se3.deviation(right, found)
     assert mm < 3.0
     assert deg < 0.2
+
+
+@pytest.mark.parametrize("period", [3, 9, 10])
+def test_wrong_ones_in_step_do_not_start_a_median(period: int) -> None:
+    """One of every few poses of a long session is one and the same wrong one, as of a frame that stuck."""
+    n = 999
+    right, wrong = scattered(1, n, 1e-3), scattered(2, 1, 1.0)[0]
+    odd = np.arange(n) % period == 0
+    found, clean = centres.median(np.where(odd[:, None, None], wrong, right)), centres.median(right[~odd])
+    mm, deg = (float(x[0]) for x in se3.deviation(found.T, clean.T[None]))
+    assert mm < 2
+    assert deg < 0.1
+
+
+def test_the_start_is_drawn_from_the_whole() -> None:
+    rows = centres._drawn(1000)
+    assert len(set(rows.tolist())) == centres.START_CANDIDATES
+    assert len(set((rows % 2).tolist())) == len(set((rows % 4).tolist())) / 2 == 2

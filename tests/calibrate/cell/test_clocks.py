@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pytest
@@ -34,15 +35,26 @@ def pose_at(t: float) -> np.ndarray:
 
 
 def waved(
-    seed: int, *, late: Mapping[str, float] = LATE_S, readout: float = 0.0, sigma: float = 0.1, jitter: float = 0.0
+    seed: int,
+    *,
+    late: Mapping[str, float] = LATE_S,
+    readout: float = 0.0,
+    sigma: float = 0.1,
+    jitter: float = 0.0,
+    frame_s: float = 2 * FRAME_S,
+    lost: tuple[str, int, int] = ("", 0, 0),
+    moved: tuple[str, int, Sequence[float]] = ("", 0, ()),
 ) -> tuple[Observations, dict[str, float]]:
-    """What the rig sees of it in 40 pictures; sigma px, jitter s of every single picture's time."""
+    """What the rig sees of it in 40 pictures; sigma px, jitter s of every single picture's time; lost: a camera, the
+    picture before which its recorder lost frames, and how many; moved: a camera, from which picture on, and how."""
     rng = np.random.default_rng(seed)
     views: list[View] = []
-    times = {f"{m:03d}": m * FRAME_S * 2 for m in range(40)}
-    for moment, t in times.items():
+    times = {f"{m:03d}": m * frame_s for m in range(40)}
+    for k, (moment, t) in enumerate(times.items()):
         for name, M in zip(NAMES, T_CAMERA_RIG):
             when = t + late[name] + jitter * rng.normal()
+            when += lost[2] * frame_s if name == lost[0] and k >= lost[1] else 0.0
+            M = se3.retract(M, np.array(moved[2])) if name == moved[0] and k >= moved[1] else M
             uv = CAMERA.project(se3.apply(M @ pose_at(when), POINTS))
             for _ in range(8 if readout else 0):  # the row a point is seen in says when
                 rows = when + readout * (uv[:, 1] / CAMERA.image_size[1] - 0.5)
@@ -177,3 +189,62 @@ def test_bad_input_is_said() -> None:
     far = {m: 101.0 * (k // 2) + k % 2 for k, m in enumerate(times)}  # pairs, far apart
     with pytest.raises(RefusedError, match="follow each other closely enough"):
         cb.calibrate_rig(observations, times=far, time_offsets=True)
+
+
+@pytest.mark.parametrize(("loser", "count"), [("middle", 1), pytest.param("left", 3, marks=pytest.mark.long)])
+def test_frames_that_a_video_lost_are_dated(loser: str, count: int) -> None:
+    observations, times = waved(5, late=dict.fromkeys(NAMES, 0.0), lost=(loser, 22, count))
+    result = cb.calibrate_rig(observations, times=times)
+    check = result.check("at-once-middle")
+    frames = "1 frame" if count == 1 else f"{count} frames"
+    assert check.status == "warn"
+    assert f"{loser} lost {frames} between left-021 and left-022" in check.message
+    assert result.rms_px == pytest.approx(0.14, abs=0.02)
+    assert result.check("rigidity").status == "ok"
+    truth = T_CAMERA_RIG[0] @ se3.inverse(T_CAMERA_RIG[1])
+    assert normalised(result.transform("left", "middle"), truth) < 20  # of 6 degrees of freedom, once in 400
+
+
+@pytest.mark.statistics
+def test_gaps_are_claimed_where_there_are_some() -> None:
+    for seed in range(6):
+        for frame_s in (1 / 6, 1 / 15):
+            still = dict.fromkeys(NAMES, 0.0)
+            clean, times = waved(seed, frame_s=frame_s, late=still)
+            assert not any("lost" in c.message for c in cb.calibrate_rig(clean, times=times).checks)
+            gone, times = waved(seed, frame_s=frame_s, late=still, lost=("right", 15, 2))
+            assert "right lost 2 frames" in cb.calibrate_rig(gone, times=times).check("at-once-right").message
+
+
+@pytest.mark.parametrize("late_s", [0.05, pytest.param(0.15, marks=pytest.mark.long)])
+def test_clocks_are_named_before_the_lenses_that_they_bend(late_s: float) -> None:
+    """At 6 pictures a second, 9 px and more: what is asked of lenses then answers for the clocks."""
+    observations, times = waved(0, frame_s=1 / 6, late={"left": 0.0, "middle": late_s, "right": 0.0})
+    try:
+        check = cb.calibrate_rig(observations, times=times).checks[0]
+        assert (check.name, check.status) == ("rigidity", "warn")
+        message = check.message
+    except RefusedError as error:
+        message = str(error)
+        assert message.startswith("rigidity")
+    found = re.search(r"middle ([+-][0-9.]+) ± ([0-9.]+) ms", message)
+    assert found is not None
+    value, sigma = map(float, found.groups())
+    assert abs(value - 1e3 * late_s) < 3 * sigma + 0.05
+    assert "--time-offsets" in message
+
+
+def test_cameras_that_moved_in_a_video_are_not_laid_on_their_clocks() -> None:
+    still = dict.fromkeys(NAMES, 0.0)
+    observations, times = waved(0, late=still, moved=("middle", 22, (0, 0.004, 0, 0.003, 0, 0)))
+    checks = {c.name: c for c in cb.calibrate_rig(observations, times=times).checks}
+    assert "late" not in checks["rigidity"].message
+    assert "middle moved against left by" in checks["cameras-moved-middle"].message
+    assert "between left-021 and left-022" in checks["cameras-moved-middle"].message
+
+
+@pytest.mark.long
+def test_a_clock_that_leaves_a_fit_without_an_answer_is_named() -> None:
+    observations, times = waved(0, frame_s=1 / 6, late={"left": 0.0, "middle": 0.25, "right": -0.05})
+    with pytest.raises(RefusedError, match=r"^(clocks|rigidity): .*--time-offsets"):
+        cb.calibrate_rig(observations, times=times)

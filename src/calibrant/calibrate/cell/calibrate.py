@@ -24,6 +24,7 @@ from calibrant.calibrate.cell.fitted import fitted_cameras
 from calibrant.calibrate.cell.lens_choice import MODEL, FixForEach, ForEach, LensChoice, lens_choices, lenses_asked
 from calibrant.calibrate.cell.lit.checks import with_projector_checks
 from calibrant.calibrate.cell.lit.told import Fixed, fit_told, lit_start, projectors
+from calibrant.calibrate.cell.loose import cause_first, late_words
 from calibrant.calibrate.cell.moments.at_once import seen_at_once
 from calibrant.calibrate.cell.moments.numbering import numbered_at_once
 from calibrant.calibrate.cell.problem.camera_role import CameraRole
@@ -195,7 +196,8 @@ def reviewed_cell(fit: CellFit, asked: Mapping[str, object]) -> CalibrationResul
             fit.cell, fit.start, fit.noise, fit.sizes, fit.certainty, fit.left_out, fit.numbering, asked
         )
         reviewed = along_with_lenses(review(found), found, fit.cell, fit.noise.solution)
-        return stamp(with_images_judged(reviewed, fit.cell, fit.noise, fit.sizes))
+        judged = with_images_judged(reviewed, fit.cell, fit.noise, fit.sizes)
+        return stamp(cause_first(judged) if fit.cell.layout.rig else judged)
 
 
 def fit_cell(
@@ -239,7 +241,8 @@ def fit_cell(
     data, roles, at_once = seen_at_once(where, data, roles, taken.moments, clocks=time_offsets)
     free = {name: free_joints(r, identify) for name, r in _readings(where, joints).items()}
     start = cell_start(where, data, {v.id: v.reason or "" for v in left_out})
-    with _by_its_cause(start):
+    late = partial(late_words, where, data, taken.moments)
+    with _by_its_cause(start, late if where.rig and not time_offsets else None):
         whole = Cell(where, start.data, roles, free, taken, same_focal=same_focal)
         if time_offsets or readout or taken.apart:
             clocks = clocks_asked(whole, offsets=time_offsets, readout=readout)
@@ -265,16 +268,18 @@ def _listed(pictures: Sequence[Pictures] | Pictures) -> Sequence[Pictures]:
 
 
 @contextmanager
-def _by_its_cause(start: CellStart) -> Iterator[None]:
+def _by_its_cause(start: CellStart, late: Callable[[], str] | None = None) -> Iterator[None]:
     """Data that the start found wrong drive a fit to where it has no answer, a lens out of its field.
 
-    Raises: RefusedError by what the start found, in the place of what came of it.
+    late: what views that were not taken at once say, or nothing. Raises: RefusedError by what the start found, in the
+    place of what came of it.
     """
     try:
         yield
     except (InputError, RefusedError) as error:
         findings = [f for alone in start.alone.values() for f in alone.report.findings]
         failed = [f"{f.name}: {f.message}" for f in findings if f.status == "fail"]
+        failed += [words] if late is not None and (words := late()) else []
         if not failed:
             raise
         raise RefusedError(causes(failed)) from error

@@ -163,6 +163,11 @@ def loose_rig(together: float, own: float) -> bool:
     return together / own > TOGETHER_WARN
 
 
+def explained_by(level: float, together: float, own: float) -> bool:
+    """Whether half of what a rig errs by, beyond its cameras by themselves, is gone at this noise level, squares."""
+    return level**2 - own**2 <= EXPLAINED * (together**2 - own**2)
+
+
 def rigidity_check(together: float, own: float, clocks: CameraClocks | None = None) -> Check:
     """Do the cameras of a rig hold still to each other? Both noise levels in pixels, over all cameras; clocks: what
     offsets of their clocks the residuals show."""
@@ -176,6 +181,9 @@ def rigidity_check(together: float, own: float, clocks: CameraClocks | None = No
     return Check("rigidity", "warn" if loose else "ok", text, ratio)
 
 
+EXPLAINED = 0.5
+"""What is left of the squares that a rig errs by where clocks are their cause; cameras that moved leave more, with
+clocks too."""
 CLOCK_SIGMAS = 4.0
 """Of an offset that the residuals show beside all else that disturbs them: one chance in 16,000."""
 

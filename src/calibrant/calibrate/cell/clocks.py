@@ -7,16 +7,16 @@ What a step of the clocks changes in the motion is of second order, so that two 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calibrant.arrays import Array
+from calibrant.calibrate.cell.certainty.together import moment_errors
 from calibrant.calibrate.cell.fitted import fitted_places
 from calibrant.calibrate.cell.problem.clocks import (
     OFFSET,
-    PARABOLA,
     READOUT,
     SMOOTHNESSES,
     Clocks,
@@ -31,7 +31,7 @@ from calibrant.calibrate.cell.problem.problem import Cell, cell_problem
 from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.calibrate.cell.refine import LEAST_SIGMA_START, NEARLY_UNDAMPED, in_sight, kept_places, refined
 from calibrant.data.details import CameraClock, CameraClocks
-from calibrant.errors import InputError, RefusedError
+from calibrant.errors import CalibrantError, InputError, RefusedError
 from calibrant.optimize.noise import NoiseEstimate, estimate_noise
 from calibrant.optimize.solution import Solution
 
@@ -138,8 +138,17 @@ def clocks_found(cell: Cell, solution: Solution) -> CameraClocks | None:
     return CameraClocks(cell.layout.root, tuple(found)) if found else None
 
 
-def suspected_clocks(cell: Cell, solution: Solution) -> CameraClocks | None:
-    """Offsets by one step from a fit without them; None where the times are not known or no motion tells.
+@dataclass(frozen=True, eq=False)
+class SuspectedClocks:
+    """Offsets that nobody asked for, with what all pictures of a moment err alike by in sigma; level: the noise that is
+    left with them, px."""
+
+    clocks: CameraClocks
+    level: float
+
+
+def suspected_clocks(cell: Cell, solution: Solution) -> SuspectedClocks | None:
+    """Offsets from a fit without them; None where the times are not known or no motion tells.
 
     What a rig errs by beyond its cameras' own noise is looked for here before it is laid on cameras that moved.
     """
@@ -147,18 +156,34 @@ def suspected_clocks(cell: Cell, solution: Solution) -> CameraClocks | None:
     if not moments <= set(cell.times.moments):
         return None
     asked = ClocksAsked(cell.times, offsets=True)
-    terms = asked.terms(cell.layout)
-    at: dict[str, Array] = {camera: np.zeros(len(words)) for camera, words in terms.items()}
-    clocks = Clocks(
-        asked.times, terms, at, _motions(cell, solution, asked.times.moments, PARABOLA), _carried(cell, solution)
-    )
-    try:
-        timed, places = _told(replace(cell, clocks=clocks), fitted_places(cell, solution))
-    except RefusedError:
-        return None  # pictures far apart in time: no motion between them is known
-    problem = cell_problem(timed, places, dict(solution.sigmas))
-    noise = estimate_noise(problem, floors=timed.floors(), options=NEARLY_UNDAMPED)
-    return clocks_found(timed, noise.solution)
+    ways = []
+    for smoothness in SMOOTHNESSES[:2]:
+        try:
+            noise, timed = _with_clocks(cell, solution, asked, smoothness)
+        except CalibrantError:
+            continue  # pictures far apart in time: no motion between them is known; or no clocks explain them
+        level = _level(timed, noise)
+        alike = moment_errors(timed, noise.solution, sigma_px=level)
+        told = noise.solution if alike is None else noise.solution.with_beside(alike.covariance)
+        if (found := clocks_found(timed, told)) is not None:
+            ways.append(SuspectedClocks(found, level))
+    if not ways:
+        return None
+    best = min(ways, key=lambda way: way.level)
+    return replace(best, clocks=_within(best.clocks, [way.clocks for way in ways]))
+
+
+def _within(found: CameraClocks, ways: Sequence[CameraClocks]) -> CameraClocks:
+    """The offsets with a sigma that holds what other motions make of them."""
+    clocks = []
+    for clock in found.clocks:
+        own, sigma = clock.offset_ms, clock.offset_sigma_ms
+        others = [c.offset_ms for way in ways for c in way.clocks if c.camera == clock.camera]
+        if own is not None and sigma is not None:
+            apart = max((abs(o - own) for o in others if o is not None), default=0.0)
+            clock = replace(clock, offset_sigma_ms=float(np.hypot(sigma, apart)))
+        clocks.append(clock)
+    return replace(found, clocks=tuple(clocks))
 
 
 def _still(solution: Solution, before: Mapping[str, Array], at: Mapping[str, Array]) -> bool:

@@ -79,7 +79,8 @@ def rig_checks(cell: Cell, start: CellStart, noise: NoiseEstimate) -> tuple[Chec
     if found is not None:
         return *shared, questions.rigidity_check(joint, own), questions.clocks_check(found)
     suspected = suspected_clocks(cell, noise.solution) if questions.loose_rig(joint, own) else None
-    return *shared, questions.rigidity_check(joint, own, suspected)
+    explained = suspected is not None and questions.explained_by(suspected.level, joint, own)
+    return *shared, questions.rigidity_check(joint, own, suspected.clocks if suspected and explained else None)
 
 
 def better_start(

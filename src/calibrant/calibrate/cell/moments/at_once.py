@@ -1,36 +1,35 @@
 """Do the views of each moment show one board, before cameras that stand still to each other?
 
-Every moment gives where camera b stands to a (`sightings`), D_m with C_m; d_m = local(D, D_m) from their robust mean. A
-pair is apart where d_m^T C_m^-1 d_m is beyond chance, scaled by the median as in `consistency`, and would raise the
-pair's own noise to `NOISIER` times: below that a common pose costs less than leaving the pair out. Where most pairs
-agree, the others are no pairs: b's view counts for its lens alone, and the view of a that it fits is named. Where
-they do not agree, other pairings are tried, all views shifted by one, two or three. Cameras that moved in between are
-found by `moved`.
+Every moment gives where camera b stands to a (`sightings`), and some contradict the others (`pairs`). Where most agree,
+the others are no pairs: b's view counts for its lens alone, and the view of a that it fits is named. Where they do not
+agree, other pairings are tried, all views shifted by one, two or three. Cameras that moved in between are found by
+`moved`, frames that were lost in a video by `gaps`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from calibrant.arrays import Array, Mask
+from calibrant.calibrate.cell.moments.gaps import gap_between
 from calibrant.calibrate.cell.moments.late import led_back, scatter
 from calibrant.calibrate.cell.moments.moved import Move, move_between
-from calibrant.calibrate.cell.moments.reflected import BEHIND, reflections
-from calibrant.calibrate.cell.moments.sightings import (
-    Common,
-    Sighting,
-    pose_errors,
-    poses,
-    relative,
-    relative_maps,
-    trees,
-    view_of,
+from calibrant.calibrate.cell.moments.pairs import (
+    LEAST,
+    NOISIER,
+    PAIRED,
+    PairErrors,
+    PairKey,
+    PairPoses,
+    apart,
+    off,
+    pair_poses,
 )
-from calibrant.calibrate.cell.moments.swept import swept
+from calibrant.calibrate.cell.moments.reflected import BEHIND, reflections
+from calibrant.calibrate.cell.moments.sightings import Common, relative, trees, view_of
 from calibrant.calibrate.cell.problem.camera_role import CameraRole
 from calibrant.calibrate.cell.problem.layout import Layout
 from calibrant.calibrate.cell.problem.unused import with_unused
@@ -40,124 +39,14 @@ from calibrant.calibrate.pose.target_poses import target_poses
 from calibrant.data import Check
 from calibrant.errors import RefusedError
 from calibrant.geometry import se3
-from calibrant.optimize.chances import CHI2_6_LIMIT, CHI2_6_MEDIAN
 
-NOISIER = 1.5
-"""A pair's noise with the common place over its own, from which it is no pair: as for a camera among others."""
-LEAST = 3
-"""Pairs that can outvote one."""
 MOVED = "cameras-moved"
 AGREEING = 0.25
 """Pairs of a part that may contradict the others of it: single ones that do not belong."""
-PAIRED = 0.25
-"""Scatter of pairs over that of any views: views that have nothing to do with each other come to about one, half of
-them that do to a quarter at most."""
+MOST_OF_IT = 0.5
+"""Of the squares that pairs of a video contradict each other by: a step that takes less is none."""
 SHIFTS = (1, -1, 2, -2, 3, -3)
 _LISTED = 4
-_Key = tuple[str, tuple[Sighting, ...]]
-_Errors = tuple[Array, Array]
-"""C and L of a camera's sightings (`sightings.pose_errors`)."""
-
-
-@dataclass(frozen=True, eq=False)
-class PairPoses:
-    """T_a, T_b (n, 4, 4) of the moments of a pair with what they are off by (`sightings.pose_errors`): C_a, C_b
-    (n, 6, 6), L_a, L_b (n, 6, p); freedom (n,): residuals of both views beyond their poses; names_a, names_b: the
-    views' ids."""
-
-    T_a: Array
-    T_b: Array
-    C_a: Array
-    C_b: Array
-    L_a: Array
-    L_b: Array
-    freedom: Array
-    names_a: tuple[str, ...]
-    names_b: tuple[str, ...]
-
-    def __len__(self) -> int:
-        return len(self.T_a)
-
-    @property
-    def D(self) -> Array:
-        """Where b stands to a, by each moment."""
-        return relative(self.T_a, self.T_b)
-
-    @property
-    def errors(self) -> tuple[Array, Array]:
-        """C (n, 6, 6) and L (n, 6, p) of each D."""
-        M_a, M_b = relative_maps(self.T_a, self.T_b)
-        C = M_a @ self.C_a @ np.swapaxes(M_a, 1, 2) + M_b @ self.C_b @ np.swapaxes(M_b, 1, 2)
-        return C, np.concatenate([M_a @ self.L_a, M_b @ self.L_b], axis=2)
-
-    def take(self, a: ArrayLike, b: ArrayLike) -> PairPoses:
-        """Other pairs: views a of the first camera with views b of the second."""
-        i, j = np.asarray(a, dtype=np.intp), np.asarray(b, dtype=np.intp)
-        half = 0.5 * self.freedom
-        return PairPoses(
-            *(self.T_a[i], self.T_b[j], self.C_a[i], self.C_b[j], self.L_a[i], self.L_b[j]),
-            half[i] + half[j],
-            tuple(self.names_a[k] for k in i.tolist()),
-            tuple(self.names_b[k] for k in j.tolist()),
-        )
-
-
-def pair_poses(
-    pair: Common,
-    data: Sequence[HandEyeViews],
-    roles: Mapping[str, CameraRole],
-    times: Mapping[str, float],
-    known: dict[_Key, _Errors],
-) -> PairPoses:
-    """The poses of a pair's views, each with what its noise, its lens and, where times are known, its clock leave
-    uncertain. known: what such sightings of these data are off by, as far as it was asked; most pairs have one camera.
-    """
-    T, C, L, views = [], [], [], []
-    for name, seen in ((pair.a, pair.seen_a), (pair.b, pair.seen_b)):
-        T.append(poses(data, seen))
-        views.append([view_of(data, s) for s in seen])
-        if (name, seen) not in known:
-            sigma = np.array([data[s.list].sigma_px for s in seen])
-            known[name, seen] = pose_errors(roles[name].camera, views[-1], T[-1], sigma)
-        by_noise, by_lens = known[name, seen]
-        C.append(by_noise)
-        L.append(by_lens)
-    by_jitter, late = swept([data[s.list].ids[s.row] for s in pair.seen_b], T[1], times)
-    if by_jitter.any():
-        C[1] = C[1] + by_jitter
-        L[1] = np.concatenate([L[1], late[:, :, None]], axis=2)
-    freedom = np.array([max(2 * len(a) + 2 * len(b) - 12, 1) for a, b in zip(*views)], dtype=np.float64)
-    names_a, names_b = (tuple(v.id for v in seen) for seen in views)
-    return PairPoses(T[0], T[1], C[0], C[1], L[0], L[1], freedom, names_a, names_b)
-
-
-def off(found: PairPoses, D: Array) -> Array:
-    """d^T C^-1 d (n,) of every pair against a common place."""
-    own, (C, L) = found.D, found.errors
-    d = se3.local(np.broadcast_to(D, own.shape), own)
-    return np.einsum("ni,ni->n", d, np.linalg.solve(C + L @ np.swapaxes(L, 1, 2), d[..., None])[..., 0])
-
-
-def apart(found: PairPoses, D: Array) -> Mask:
-    """Pairs (n,) that contradict a common place D."""
-    statistic = off(found, D)
-    noisier = np.sqrt(1 + statistic / found.freedom) > NOISIER
-    if not noisier.any():
-        return noisier  # and nothing asks what the others say
-    # What boards, lenses and clocks have in common moves all pairs; those that are none say nothing of it.
-    telling = np.ones_like(noisier) if _are_pairs(found) else ~noisier
-    scale = max(float(np.median(statistic[telling])) / CHI2_6_MEDIAN, 1.0) if telling.any() else 1.0
-    return np.asarray((statistic / scale > CHI2_6_LIMIT) & noisier)
-
-
-def _are_pairs(found: PairPoses) -> bool:
-    """Whether the pairs agree far better than the same views would in any other order: then they are pairs, however
-    little they agree."""
-    n = len(found)
-    if n < LEAST:
-        return False
-    mixed = found.take(range(n), np.roll(np.arange(n), n // 2))
-    return scatter(found.D) < PAIRED * scatter(mixed.D)
 
 
 def seen_at_once(
@@ -175,13 +64,18 @@ def seen_at_once(
     Raises: RefusedError where cameras moved against each other, or most of the pairs are none.
     """
     out, own, checks = list(data), dict(roles), list[Check]()
-    by_time, known = bool(times), dict[_Key, _Errors]()
+    by_time, known = bool(times), dict[PairKey, PairErrors]()
     if not any(p.handheld for p in where.pictures):
         return tuple(out), own, ()
     for pair in trees(where, data):
         # Lenses that are found in the whole alone put no board anywhere before it.
         if len(pair) < LEAST or any(own[n].weak is not None for n in (pair.a, pair.b) if n in own):
             continue
+        lost = _lost(where, pair, out, own, times) if by_time else None
+        if lost is not None:
+            pair, check = lost
+            checks.append(check)
+            known.clear()  # of other lenses
         found = pair_poses(pair, out, own, times, known)
         D = robust_mean(found.D)
         if apart(found, D).any():
@@ -191,7 +85,7 @@ def seen_at_once(
         wrong = apart(found, D)
         if clocks and wrong.any():  # pairs on the move contradict those that stand still
             moments = [out[s.list].ids[s.row] for s in pair.seen_b]
-            led = replace(found, T_b=led_back(found.T_a, found.T_b, moments, times))
+            led = replace(found, T_b=led_back(found.T_a, found.T_b, moments, times).T_b)
             if (still := apart(led, robust_mean(led.D))).sum() < wrong.sum():
                 found, D, wrong = led, robust_mean(led.D), still
         move = _move(found, D)
@@ -199,7 +93,7 @@ def seen_at_once(
             text = _moved_words(pair, found, move)
             if move.noisier(float(found.freedom.sum())) > NOISIER:
                 raise RefusedError(f"{MOVED}: {text}")
-            if by_time:
+            if by_time and move.z < MOST_OF_IT * move.total:
                 continue  # what neighbours in time err alike by looks like a small step
             checks.append(Check(_name(MOVED, pair, where), "warn", text, 1e3 * float(np.linalg.norm(move.step[3:]))))
             continue
@@ -208,6 +102,50 @@ def seen_at_once(
         if wrong.any():
             checks.append(_left_out(where, pair, found, D, wrong, out, own))
     return tuple(out), own, tuple(checks)
+
+
+def _lost(
+    where: Layout,
+    pair: Common,
+    out: list[HandEyeViews],
+    roles: dict[str, CameraRole],
+    times: Mapping[str, float],
+) -> tuple[Common, Check] | None:
+    """Where one of two videos lost frames: the pairs before, and what is said; b's views after are out of the data."""
+    found = pair_poses(pair, out, roles, {}, {})
+    moments = [out[s.list].ids[s.row] for s in pair.seen_b]
+    gap = gap_between(found.T_a, found.T_b, found.errors[0].mean(axis=0), moments, times)
+    if gap is None:
+        return None
+    loser, other = (pair.b, pair.a) if gap.frames > 0 else (pair.a, pair.b)
+    count = abs(gap.frames)
+    text = (
+        f"{loser} lost {count} frame{'' if count == 1 else 's'} between {found.names_a[gap.first - 1]} and "
+        f"{found.names_a[gap.first]}, or {other} has as many twice: from there on their frames of one number were not "
+        "taken at once"
+    )
+    rows = range(gap.first, len(found))
+    _taken_out(where, pair, dict.fromkeys(rows, f"{text}; counts for the lens of {pair.b} alone"), out, roles)
+    message = (
+        f"{text}, and {len(rows)} of {len(found)} pairs are left out. Give the times of the pictures (--times), or "
+        "calibrate the parts before and after apart"
+    )
+    kept = pair.only([k < gap.first for k in range(len(found))])
+    return kept, Check(_name("at-once", pair, where), "warn", message, float(len(rows)))
+
+
+def _taken_out(
+    where: Layout, pair: Common, reasons: Mapping[int, str], out: list[HandEyeViews], roles: dict[str, CameraRole]
+) -> None:
+    """Takes b's views of these pairs out of the data; its lens keeps them."""
+    for k, reason in reasons.items():
+        s = pair.seen_b[k]
+        mask = np.arange(len(out[s.list])) == s.row
+        out[s.list] = out[s.list].without(mask, [reason] * len(mask))
+    role = roles[pair.b]
+    if role.prior is None and not role.exact:
+        lists = [out[i] for i, p in enumerate(where.pictures) if p.camera == pair.b]
+        roles[pair.b] = with_unused(role, lists)
 
 
 def _move(found: PairPoses, D: Array) -> Move | None:
@@ -270,7 +208,7 @@ def _left_out(
     rows = np.flatnonzero(wrong).tolist()
     mm, deg = se3.deviation(np.broadcast_to(D, found.D.shape), found.D)
     partners = {k: _partner(found, D, k) for k in rows}
-    said = []
+    said, reasons = [], {}
     for k in rows:
         fits = partners[k]
         also = f"; it fits {found.names_a[fits]}" if fits is not None else ""
@@ -278,16 +216,11 @@ def _left_out(
             f"{found.names_a[k]} and {found.names_b[k]} do not show the board at one moment: by the other pairs it is "
             f"{mm[k]:.3g} mm and {deg[k]:.2g} deg elsewhere"
         )
-        s, first = pair.seen_b[k], pair.seen_a[k]
-        mask = np.arange(len(out[s.list])) == s.row
-        reason = f"{text}{also}; counts for the lens of {pair.b} alone"
-        out[s.list] = out[s.list].without(mask, [reason] * len(mask))
+        first = pair.seen_a[k]
+        reasons[k] = f"{text}{also}; counts for the lens of {pair.b} alone"
         out[first.list] = out[first.list].noted({found.names_a[k]: text})
         said.append(f"{found.names_a[k]} and {found.names_b[k]}{also}")
-    role = roles[pair.b]
-    if role.prior is None and not role.exact:
-        lists = [out[i] for i, p in enumerate(where.pictures) if p.camera == pair.b]
-        roles[pair.b] = with_unused(role, lists)
+    _taken_out(where, pair, reasons, out, roles)
     more = f" … ({len(said)})" if len(said) > _LISTED else ""
     shift = _common_shift(partners)
     from_then = shift is not None and len(rows) >= LEAST and rows == list(range(rows[0], len(found)))

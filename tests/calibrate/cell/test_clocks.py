@@ -231,7 +231,7 @@ def test_clocks_are_named_before_the_lenses_that_they_bend(late_s: float) -> Non
     assert found is not None
     value, sigma = map(float, found.groups())
     assert abs(value - 1e3 * late_s) < 3 * sigma + 0.05
-    assert "--time-offsets" in message
+    assert re.search("time.offsets", message)
 
 
 def test_cameras_that_moved_in_a_video_are_not_laid_on_their_clocks() -> None:
@@ -246,5 +246,5 @@ def test_cameras_that_moved_in_a_video_are_not_laid_on_their_clocks() -> None:
 @pytest.mark.long
 def test_a_clock_that_leaves_a_fit_without_an_answer_is_named() -> None:
     observations, times = waved(0, frame_s=1 / 6, late={"left": 0.0, "middle": 0.25, "right": -0.05})
-    with pytest.raises(RefusedError, match=r"^(clocks|rigidity): .*--time-offsets"):
+    with pytest.raises(RefusedError, match=r"(clocks|rigidity): .*time.offsets"):
         cb.calibrate_rig(observations, times=times)

@@ -273,7 +273,7 @@ def depth_off(scene: Scene, result: CalibrationResult) -> float:
     lenses = [6 * len(joint.frames) + k * joint.cameras.index(n) + np.arange(k) for n in names]
     at = np.concatenate([6 * joint.frames.index((names[0], names[1])) + np.arange(6), *lenses])
     C = joint.whole[np.ix_(at, at)]
-    sure = point_certainty(eyes[0], eyes[1], T, seen, covariance=C, sigma_px=(1.0, 1.0)).calibration[0]
+    sure = point_certainty(eyes, places, seen, covariance=C, sigma_px=(1.0, 1.0)).calibration[0]
     return float((seen[2] - POINT[2]) / np.sqrt(sure[2, 2]))
 
 

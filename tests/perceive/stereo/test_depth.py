@@ -39,9 +39,9 @@ def _errors(found: DepthMap, distance: float) -> tuple[Array, Array]:
 
 @pytest.mark.long
 @pytest.mark.parametrize("distance", [0.5, 1.0, 2.0])
-@pytest.mark.parametrize(("noise", "least"), [(1.0, 0.55), (3.0, 0.8)])
+@pytest.mark.parametrize(("noise", "least"), [(1.0, 0.65), (3.0, 0.8)])
 def test_depth_errors_follow_the_stated_sigma(distance: float, noise: float, least: float) -> None:
-    """With little noise interpolation's own errors are left, which scatter more than they err: sigma is large."""
+    """With little noise interpolation's own errors are left, which are quicker than noise; creases err as well."""
     found = depth_map(rectification(EXACT), _pictures(EXACT, distance, noise=noise))
     off, sigma = _errors(found, distance)
     assert found.known.mean() > 0.4

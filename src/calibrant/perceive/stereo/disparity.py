@@ -10,9 +10,14 @@ S the mean over the window, so that slanted surfaces keep their slope. With g = 
     sigma_d^2 = c s^2 / sum_W g^2,    s^2 = sum_W r^2 / (n_W - 2).
 
 c holds what interpolation and the repeated smoothing do to noise, and is measured. d0 follows a surface but for
-(1 - S)^2 d0, of the fourth order in its bends, so that the scatter of this over the flat parts of the picture is noise;
-which part of the noise it is, the same steps show on noise alone, with the same gradients. Where it is more than noise
-the surface breaks, and it adds to sigma; so does what a window is off its plane at an edge.
+(1 - S)^2 d0, of the fourth order in its bends, so that the scatter of this over the picture, away from the ends of what
+is matched, is noise. With a window a half wider it is the noise but for its slow part; that is what the same steps
+leave of noise alone, with the same gradients, times what S (1 - S)^2 d0 of the picture is to that of noise alone.
+Errors of interpolation are quicker than noise, so that one of the two does not do.
+
+Where (1 - S)^2 d is more than noise the surface breaks. The steps end at d = S D / (1 - S + S^2) of a surface D, off by
+(1 - S)^2 D / (1 - S + S^2), of which (1 - S)^2 d shows the part that S lets through: at a crease a seventeenth of its
+square, and so much more adds to sigma^2; or, where that is more, what the window is off its plane.
 """
 
 from __future__ import annotations
@@ -53,11 +58,19 @@ _FARTHEST_PX = 1.5
 """A refinement that goes farther has left what was matched."""
 CHI2_1_MEDIAN = 0.4549
 """Median of the square of a normal variable."""
-_SURE = 3.0
-"""Sigmas from which what smoothing leaves out is no noise."""
-_BENDS = 6.0
+CREASE = 16.8
+"""Square of what the refinement errs by at a crease over that of what smoothing leaves out, summed across it."""
+_BENDS = 8.0
 """Times the usual variance of a window's disparities about a plane, from which it holds an edge or a bend: of a few
 independent values it is that large once in some hundred windows."""
+_NEAR = 5
+"""Side of a window, px, over which what smoothing leaves out at a crease is a tenth of its height and more."""
+_SURE = 3.0
+"""Times its usual mean square over that window from which what smoothing leaves out is no noise alone."""
+_WIDE = 13
+"""Side of the window, px, beyond whose reach noise is slow."""
+_ENOUGH = 20
+"""Windows' worth of pixels that tell a median."""
 LEAST_PX = 1e-3
 """Beyond it no picture tells."""
 
@@ -168,7 +181,6 @@ def _refined(left: Array, right: Array, start: Array, apart: Array) -> Disparity
     for _ in range(_ITERATIONS):
         step, s2, gg, g = _step(left, coefficients, base := _smooth(d, known), known)
         d = np.where(known, base + step, 0.0)
-    left_out = _left_out(d, known)
     unit = s2 / np.maximum(gg, 1e-9)
     usual = _usual(s2, gg, unit, known)
     whole = found & (_mean(known.astype(np.float64)) > 1 - 0.5 / WINDOW**2)
@@ -178,12 +190,15 @@ def _refined(left: Array, right: Array, start: Array, apart: Array) -> Disparity
         kept &= off <= _JUMP_PX
         agreement = 1 / (1 + (apart / AGREE_PX) ** 2)
         confidence = agreement / np.maximum(s2 / usual, 1.0)
-    sigma = _sigma(unit, left_out, off, kept, *_of_noise(g, gg, known, kept))
+    smooth = _away_from_ends(kept)
+    sigma = _sigma(d, unit, off, (known, kept, smooth), _of_noise(g, gg, known))
     # Where the window has no texture of its own, what both directions agree on is all that is known.
     coarse = whole & ~kept & (_off_plane(np.where(known, start, 0.0), known) <= AGREED_PX)
     coarse &= _held(kept, kept | coarse)
-    d = np.where(coarse, _smooth(start, known), d)
-    sigma = np.where(coarse, AGREED_PX, sigma)
+    by_matcher = _smooth(start, known)
+    alike = unit <= FLAT_PX**2
+    sigma = np.where(coarse, _of_matcher(start, by_matcher, d, known, smooth, alike), sigma)
+    d = np.where(coarse, by_matcher, d)
     confidence = np.where(coarse, agreement / 2, confidence)
     kept = np.isfinite(_without_speckles(np.where(kept | coarse, d, np.nan)))
     return Disparity(
@@ -211,23 +226,20 @@ def _usual(s2: Array, gg: Array, unit: Array, known: Mask) -> Array:
     return np.maximum((np.median(s2[textured]) + share * g2) / 2, 1e-12)
 
 
-def _smooth(d: Array, known: Mask) -> Array:
+def _smooth(d: Array, known: Mask, window: int = WINDOW) -> Array:
     """The mean of the window's known disparities (h, w), 0 where none is asked for."""
-    share = np.maximum(_mean(known.astype(np.float64)), 1e-9)
-    return np.where(known, _mean(np.where(known, d, 0.0)) / share, 0.0)
+    share = np.maximum(_mean(known.astype(np.float64), window), 1e-9)
+    return np.where(known, _mean(np.where(known, d, 0.0), window) / share, 0.0)
 
 
-def _left_out(d: Array, known: Mask) -> Array:
+def _left_out(d: Array, known: Mask, window: int = WINDOW) -> Array:
     """(1 - S)^2 d: what smoothing leaves out of a surface."""
-    once = _smooth(d, known)
-    return d - 2 * once + _smooth(once, known)
+    once = _smooth(d, known, window)
+    return d - 2 * once + _smooth(once, known, window)
 
 
-def _of_noise(g: Array, gg: Array, known: Mask, kept: Mask) -> tuple[float, float]:
-    """The refinement of noise of variance 1 on the gradients g: variances of d and of what smoothing leaves out of it,
-    both times sum_W g^2, by their medians."""
-    if not kept.any():
-        return 1.0, 1.0
+def _of_noise(g: Array, gg: Array, known: Mask) -> tuple[Array, Array]:
+    """The refinement (h, w) of noise of variance 1 on the gradients g, and its variance but for a factor."""
     noise = np.where(known, np.random.default_rng(0).standard_normal(g.shape), 0.0)
     n = np.maximum(_sum(known.astype(np.float64)), 3.0)
     mean = _sum(g) / n
@@ -237,28 +249,53 @@ def _of_noise(g: Array, gg: Array, known: Mask, kept: Mask) -> tuple[float, floa
         r = np.where(known, noise - g * base, 0.0)
         step = (_sum(g * r) - mean * _sum(r)) / np.maximum(gg, 1e-9)
         d = np.where(known, base + step, 0.0)
-    of_d, of_left_out = ((x * x * gg)[kept] for x in (d, _left_out(d, known)))
-    return float(np.median(of_d)) / CHI2_1_MEDIAN, float(np.median(of_left_out)) / CHI2_1_MEDIAN
+    return d, 1 / np.maximum(gg, 1e-9)
 
 
-def _sigma(unit: Array, left_out: Array, off: Array, kept: Mask, of_d: float, of_left_out: float) -> Array:
-    """1 sigma (h, w) from variances `unit` but for one factor, from what smoothing leaves out, and where a window is no
-    plane from how far it is `off` one.
+def _away_from_ends(kept: Mask) -> Mask:
+    """Pixels (h, w) around which all is kept that goes into the noise; all, where these are few."""
+    side = 2 * (_WIDE - 1) + WINDOW
+    inner = cv2.erode(kept.astype(np.uint8), np.ones((side, side), np.uint8), borderValue=0) > 0
+    return np.asarray(inner if inner.sum() >= _ENOUGH * WINDOW**2 else kept)
 
-    of_d, of_left_out: as `_of_noise` gives them.
+
+def _sigma(d: Array, unit: Array, off: Array, where: tuple[Mask, Mask, Mask], noise: tuple[Array, Array]) -> Array:
+    """1 sigma (h, w) from variances `unit` but for one factor, from what smoothing leaves out of d, and where a window
+    is no plane from how far it is `off` one.
+
+    where: d is known, is kept, and is away from the ends of what is kept; noise: as `_of_noise` gives it.
     """
-    if not kept.any():
+    known, kept, smooth = where
+    if not smooth.any():
         return np.full(unit.shape, np.nan)
-    usual = float(np.median((off**2 / np.maximum(unit, 1e-18))[kept]))
+
+    def scatter(x: Array, of: Array) -> float:
+        return float(np.median((x * x / np.maximum(of, 1e-18))[smooth])) / CHI2_1_MEDIAN
+
+    whole, of = noise
+    quick, quick_noise = _left_out(d, known, _WIDE), _left_out(whole, known, _WIDE)
+    slow = scatter(_smooth(quick, known), unit) / max(scatter(_smooth(quick_noise, known), of), 1e-18)
+    factor = scatter(quick, unit) + slow * max(scatter(whole, of) - scatter(quick_noise, of), 0.0)
+    left_out = _left_out(d, known)
+    near = _smooth(left_out**2, kept, _NEAR)
+    breaks = CREASE * np.maximum(near - _SURE * scatter(left_out, unit) * unit, 0.0)
+    usual = float(np.median((off**2 / np.maximum(unit, 1e-18))[smooth]))
     # Smoothed again and again, an edge reaches a pixel beyond its window.
     off = np.asarray(cv2.dilate(off, np.ones((3, 3), np.uint8)))
-    bends = off**2 > _BENDS * usual * unit
-    flat = kept & ~bends if (kept & ~bends).any() else kept
-    scatter = float(np.median((left_out**2 / np.maximum(unit, 1e-18))[flat])) / CHI2_1_MEDIAN
-    breaks = left_out**2 > _SURE**2 * scatter * unit
-    noise = scatter * of_d / of_left_out * unit
-    more = np.maximum(np.where(breaks, left_out**2, 0.0), np.where(bends, off**2, 0.0))
-    return np.sqrt(np.maximum(noise + more, LEAST_PX**2))
+    breaks = np.maximum(breaks, np.where(off**2 > _BENDS * usual * unit, off**2, 0.0))
+    return np.sqrt(np.maximum(factor * unit + breaks, LEAST_PX**2))
+
+
+def _of_matcher(start: Array, smoothed: Array, d: Array, known: Mask, smooth: Mask, alike: Mask) -> Array:
+    """1 sigma (h, w) of the matcher's own disparities, smoothed: what they differ by from refined ones where there are
+    any, and what the window bends by. Where there is no texture, that both directions agree is all that is known."""
+    if smooth.sum() < _ENOUGH * WINDOW**2:
+        return np.full(start.shape, AGREED_PX)
+    apart = np.where(known, smoothed - d, 0.0) ** 2
+    bends = np.where(known, start - smoothed, 0.0) ** 2
+    off, usual = (float(np.mean(a[smooth])) for a in (apart, bends))
+    bends = np.maximum(_smooth(apart, known) - off, 0.0) + np.maximum(_smooth(bends, known) - usual, 0.0)
+    return np.where(alike, np.minimum(np.sqrt(off + bends), AGREED_PX), AGREED_PX)
 
 
 def _step(left: Array, coefficients: Array, base: Array, known: Mask) -> tuple[Array, Array, Array, Array]:
@@ -316,9 +353,9 @@ def _filtered(a: Array, kernel: Array) -> Array:
     return np.asarray(cv2.filter2D(a, -1, kernel, borderType=cv2.BORDER_CONSTANT))
 
 
-def _sum(a: Array) -> Array:
-    return np.asarray(cv2.boxFilter(a, -1, (WINDOW, WINDOW), normalize=False, borderType=cv2.BORDER_CONSTANT))
+def _sum(a: Array, window: int = WINDOW) -> Array:
+    return np.asarray(cv2.boxFilter(a, -1, (window, window), normalize=False, borderType=cv2.BORDER_CONSTANT))
 
 
-def _mean(a: Array) -> Array:
-    return _sum(a) / WINDOW**2
+def _mean(a: Array, window: int = WINDOW) -> Array:
+    return _sum(a, window) / window**2

@@ -16,36 +16,38 @@ BESIDE = 2.0
 
 
 def with_projector_checks(
-    result: CalibrationResult, projectors: Collection[str], left_out: Mapping[str, Sequence[str]]
+    result: CalibrationResult, projectors: Collection[str], weak: Mapping[str, Sequence[str]]
 ) -> CalibrationResult:
-    """The result with what projectors are asked beside all else. left_out: terms that nothing told, by lens."""
+    """The result with what projectors are asked beside all else. weak: terms that the boards hardly told, by lens."""
     if not projectors:
         return result
-    terms = [_terms_check(name, terms) for name, terms in left_out.items()]
+    terms = [_terms_check(name, result.cameras[name], terms) for name, terms in weak.items()]
     shifts = [_shift_check(name, result.cameras[name], alone=len(projectors) == 1) for name in projectors]
     checks = (*result.checks, *terms, *shifts)
     return replace(result, checks=checks, verdict=verdict_of(checks))
 
 
-def least_told(camera: Camera) -> str | None:
-    """The term of distortion that the views tell least, if that is less than a prior and a value beside 0 would be."""
+def untold(camera: Camera) -> tuple[str, ...]:
+    """The terms of distortion of which the views tell less than the prior does, and that they do not tell from 0."""
     reach = corner_reach(camera)
-    shares = {}
-    for name, sigma in camera.sigma.items():
-        prior = term_sigma(name, reach)
-        if prior is not None and sigma > UNTOLD * prior and abs(camera.parameters[name]) < BESIDE * sigma:
-            shares[name] = sigma / prior
-    return max(shares, key=lambda n: shares[n], default=None)
-
-
-def _terms_check(name: str, left_out: Sequence[str]) -> Check:
-    if not left_out:
-        return Check(f"weak-terms-{name}", "ok", f"{name}: the boards tell every term of the distortion", 0.0)
-    message = (
-        f"{name}: the boards do not tell {', '.join(left_out)}, which {'is' if len(left_out) == 1 else 'are'} left out "
-        "(0); more boards, out to the corners of the picture, would"
+    return tuple(
+        name
+        for name, sigma in camera.sigma.items()
+        if (prior := term_sigma(name, reach)) is not None
+        and sigma > UNTOLD * prior
+        and abs(camera.parameters[name]) < BESIDE * sigma
     )
-    return Check(f"weak-terms-{name}", "ok", message, float(len(left_out)))
+
+
+def _terms_check(name: str, camera: Camera, terms: Sequence[str]) -> Check:
+    if not terms:
+        return Check(f"weak-terms-{name}", "ok", f"{name}: the boards tell every term of the distortion", 0.0)
+    held = ", ".join(f"{t} {camera.parameters[t]:.2g} ± {camera.sigma[t]:.2g}" for t in terms)
+    message = (
+        f"{name}: the boards hardly tell {', '.join(terms)}; {'it is' if len(terms) == 1 else 'they are'} held near 0, "
+        f"within what lenses do ({held}). More boards, out to the corners of the picture, would tell"
+    )
+    return Check(f"weak-terms-{name}", "ok", message, float(len(terms)))
 
 
 def _shift_check(name: str, projector: Camera, *, alone: bool) -> Check:

@@ -1,8 +1,9 @@
-"""Projectors in a cell: where they and their cameras begin, and fits without the terms that nothing tells.
+"""Projectors in a cell: where they and their cameras begin, and which terms of theirs the views hardly tell.
 
 A projector sees nothing: its points are carried from a camera's corners (`View.carried`), and few views tell neither
 lens by itself. Both are found in the whole alone, terms of distortion held within what lenses can do
-(`reprojection.weak_terms`), and those that the views do not tell are left out, one by one.
+(`reprojection.weak_terms`). None is left out: sigma holds what a term can be where the views do not tell it, and what
+that does to the others.
 """
 
 from __future__ import annotations
@@ -11,10 +12,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
-from calibrant.calibrate.cell.lit.checks import least_told
+from calibrant.calibrate.cell.lit.checks import untold
 from calibrant.calibrate.cell.lit.start import projector_start
 from calibrant.calibrate.cell.problem.layout import Pictures
 from calibrant.calibrate.intrinsics.one_model import calibrate_keeping
+from calibrant.calibrate.reprojection.weak_terms import corner_reach
 from calibrant.cameras import Camera
 from calibrant.data import View
 from calibrant.errors import InputError, RefusedError
@@ -22,6 +24,10 @@ from calibrant.errors import InputError, RefusedError
 PLAIN_MODEL = "brown"
 FIRST_FIX = (("k3", "tangential"), ("k2", "k3", "tangential"))
 """What a camera's first calibration leaves out, and what it does without where that is too much for the views."""
+
+SAME_REACH = 0.1
+"""Part of the corner's distance by which start and fit may differ: the prior of k3 changes by less than two."""
+MOST_FITS = 3
 
 Fixed = Mapping[str, tuple[str, ...]]
 T = TypeVar("T")
@@ -79,18 +85,18 @@ def lit_start(
 def fit_told(
     attempt: Callable[[dict[str, Camera], Fixed], tuple[T, Mapping[str, Camera]]], start: Mapping[str, Camera]
 ) -> tuple[T, dict[str, tuple[str, ...]]]:
-    """The fit without terms that nothing tells, and these terms by lens.
+    """The fit, and by lens the terms that the prior holds more than the views do.
 
-    attempt: from the lenses' starts, and what more is held of each, to the fit and its lenses.
+    What a term can be follows from the picture's corner in focal lengths (`weak_terms`). Where the start, which knows
+    no distortion, has it elsewhere than the fit, the fit is the next start.
     """
-    left_out: dict[str, tuple[str, ...]] = dict.fromkeys(start, ())
-    while True:
-        fit, lenses = attempt({name: _without(lens, left_out[name]) for name, lens in start.items()}, left_out)
-        more = {name: term for name in start if (term := least_told(lenses[name])) is not None}
-        if not more:
-            return fit, left_out
-        # One at a time: without it the others may be told.
-        left_out |= {name: (*left_out[name], term) for name, term in more.items()}
+    for _ in range(MOST_FITS):
+        fit, lenses = attempt(dict(start), {})
+        apart = [abs(corner_reach(lenses[name]) / corner_reach(lens) - 1) for name, lens in start.items()]
+        if max(apart, default=0.0) < SAME_REACH:
+            break
+        start = {name: lenses[name] for name in start}
+    return fit, {name: untold(lenses[name]) for name in start}
 
 
 def _shared(pictures: Sequence[Pictures], projector: str, camera: str) -> tuple[tuple[View, ...], tuple[View, ...]]:
@@ -115,11 +121,6 @@ def _shared(pictures: Sequence[Pictures], projector: str, camera: str) -> tuple[
             "(initial)"
         )
     return tuple(of_camera), tuple(lit)
-
-
-def _without(lens: Camera, terms: Sequence[str]) -> Camera:
-    """The lens with these terms at 0."""
-    return Camera.create(lens.model.name, lens.parameters | dict.fromkeys(terms, 0.0), image_size=lens.image_size)
 
 
 def _first_camera(pictures: Sequence[Pictures], name: str, kind: str, held: Sequence[str]) -> Camera:

@@ -1,8 +1,8 @@
-"""Projectors: rendered captures of three lenses, statistics over seeds from points, scans, and a public set.
+"""Projectors: statistics over seeds from points of three lenses, scans, and a public set.
 
-    python benchmarks/projector.py [--seeds 50] [--captures DIR] [--parts points pictures scans public]
+    python benchmarks/projector.py [--seeds 50] [--captures DIR] [--parts points scans public]
 
-Camera 640 x 480, projector 512 x 384 px in pictures, whose lens is shifted by half its height in two of the three.
+Lenses are shifted by half the picture's height in two of the three; rendered captures: eyes/projector_pictures.py.
 """
 
 from __future__ import annotations
@@ -15,13 +15,10 @@ import numpy as np
 
 import calibrant as cb
 from calibrant.calibrate.projector.calibrate import calibrate_projector
-from calibrant.data import CalibrationResult, Missed, Observations, View
-from calibrant.detection.pipeline import detect
-from calibrant.detection.structured_light.boards import lit_board
+from calibrant.data import CalibrationResult
 from calibrant.detection.structured_light.capture import Capture
 from calibrant.detection.structured_light.decode import decode
 from calibrant.geometry import se3, so3
-from calibrant.opencv import cv2
 from calibrant.patterns.sequence import PatternSequence
 from calibrant.perceive.scan.points import scan
 from calibrant.perceive.stereo.eyes import Eyes
@@ -59,40 +56,6 @@ def from_points(seeds: int) -> None:
         worst, pose, lens = np.max(found, axis=0)[0], *np.mean(found, axis=0)[1:]
         each = (time.process_time() - start) / seeds
         print(f"{name:8}{100 * worst:14.3f} %{pose:40.2f}{lens:11.2f}{each:14.2f}")
-
-
-def board_of(pair: ProjectorPair, T: np.ndarray, rng: np.random.Generator, sequence: PatternSequence) -> Capture:
-    board = Plane(T, half=(0.16, 0.13), squares=(9, 7, 0.03))
-    pictures = np.stack(list(photographed(pair, board, sequence, rng, Lighting())))
-    return Capture("pose", sequence, pictures, sequence.names)
-
-
-def from_pictures(folder: Path, views: int = 10) -> None:
-    print("lens    code   focal off, worst  distance off, mm   pose  projector   RMS, px")
-    for name, (shift, focal) in LENSES.items():
-        pair = example_pair(shift=shift, focal_px=focal, image_size=(640, 480), projector_size=(512, 384))
-        rng = np.random.default_rng(5)
-        poses = board_poses(pair, POINTS, views, rng, distance=(0.6, 1.0))
-        for code in ("gray", "both"):
-            sequence = PatternSequence((512, 384), code)
-            seen: list[View] = []
-            for k, T in enumerate(poses):
-                capture = board_of(pair, T, rng, sequence)
-                file = folder / f"{name}-{code}-{k}.png"
-                cv2.imwrite(str(file), capture.white)
-                view = detect([file], target=TARGET, cache=None, workers=1).views[0]
-                view = View(str(k), view.points, view.uv, view.point_ids, "camera", sigma_px=view.sigma_px)
-                lit = lit_board(capture, view).lit
-                seen += [view] if lit is None else [view, lit]
-            sizes = {"camera": pair.camera.image_size, "projector": pair.projector.image_size}
-            result = calibrate_projector(Observations(tuple(seen), sizes, TARGET, tuple[Missed, ...]()))
-            worst, pose, lens = errors(result, pair)
-            T = result.transform("camera", "projector").matrix
-            off = 1e3 * (np.linalg.norm(T[:3, 3]) - np.linalg.norm(pair.T_camera_projector[:3, 3]))
-            print(
-                f"{name:8}{code:7}{100 * worst:14.3f} %{off:18.3f}{pose:9.2f}{lens:10.2f}{result.rms_px or 0:11.3f}",
-                flush=True,
-            )
 
 
 def scans() -> None:
@@ -136,18 +99,13 @@ def public(folder: Path) -> None:
 
 
 def main() -> None:
-    import tempfile
-
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=50)
     parser.add_argument("--captures", type=Path, default=Path("../shared/data/procam_kamino_graycode"))
-    parser.add_argument("--parts", nargs="+", default=["points", "pictures", "scans", "public"])
+    parser.add_argument("--parts", nargs="+", default=["points", "scans", "public"])
     asked = parser.parse_args()
     if "points" in asked.parts:
         from_points(asked.seeds)
-    if "pictures" in asked.parts:
-        with tempfile.TemporaryDirectory() as folder:
-            from_pictures(Path(folder))
     if "scans" in asked.parts:
         scans()
     if "public" in asked.parts:

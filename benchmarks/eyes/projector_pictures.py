@@ -7,8 +7,8 @@ Each seed draws ten poses of a 9 x 7 board of 30 mm before a camera of 640 x 480
 lights a small part of it) and a projector of 512 x 384 px, whose lens is shifted by half its picture's height in two of
 the three. Every photo of every pattern is rendered with shot noise, blur of both lenses and 8 bits, and goes through
 detection, decoding and calibration; of each photo only the part is rendered that shows the board. Errors over the
-covariance are squared and divided by their degrees of freedom; terms that are left out (k3, 0 in truth) have no sigma
-and are not among them. focal: the worse of fx and fy.
+covariance are squared and divided by their degrees of freedom; terms without a sigma, if any, are named and are not
+among them. focal: the worse of fx and fy.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from calibrant.simulate.projector.points import ProjectorPair, example_pair
 
 LENSES = {
     "short": (0.0, 1000.0, (0.6, 1.0), (640, 480)),
-    "middle": (0.5, 1500.0, (0.6, 1.0), (640, 480)),
+    "middle": (0.5, 1500.0, (0.7, 1.1), (640, 480)),
     "long": (0.5, 2500.0, (0.9, 1.4), (960, 720)),
 }
 """Shift in heights, focal length at a width of 1024 px, distances of the boards, metres, and the camera's picture."""

@@ -41,7 +41,7 @@ FORMATS: dict[str, Line] = {
     "camera-info": Line("cameras.ros_camera"),
     "described": Line("cameras.described_file"),
 }
-"""By the name that `--to` and `--from` take."""
+"""By the name that `--to` and `--read-as` take."""
 
 
 def format_named(name: str) -> ExchangeFormat:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -97,6 +98,24 @@ def test_two_cameras_by_name(calibrant, pair: Pair, cell, tmp_path: Path) -> Non
     again = calibrant("report", out, "--workspace", "300mm:500mm,-100mm:100mm,0mm:50mm", "--tolerance", "0.001mm")
     assert again.status == 1
     assert "NOT within the tolerance" in again.err
+
+
+def test_a_camera_with_one_photo_is_placed_by_what_the_other_found(calibrant, pair: Pair, cell, tmp_path: Path) -> None:
+    photo, lens, out = sorted(pair.right.iterdir())[3], tmp_path / "lens.json", tmp_path / "result.json"
+    camera = cell.camera
+    lens.write_text(json.dumps({"image_size": camera.image_size, "model": "brown", "parameters": camera.parameters}))
+    given = (
+        "hand-eye", "--images", f"left={pair.left}", "--images", f"right={photo}", "--poses", pair.poses,
+        "--target", TARGET, "--camera", f"left={lens}", "--camera", f"right={lens}",
+    )  # fmt: skip
+    outcome = calibrant(*given, "--setup", "right=eye-in-hand", "--out", out)
+    assert outcome.status == 0, outcome.err
+    between = cb.read(out).transform("left", "right")
+    assert np.sqrt(normalised(between, T_LEFT_RIGHT) / 6) < 2
+    refused = calibrant(*given)
+    assert refused.status == 1
+    assert "right: 1 photo shows the target" in refused.err
+    assert "--setup right=eye-in-hand" in refused.err
 
 
 def test_free_joints_from_joint_values(calibrant, pair: Pair, cell, tmp_path: Path) -> None:

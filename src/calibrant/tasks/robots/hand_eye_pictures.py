@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from calibrant.diagnose.doctor.evidence.finding import Finding
     from calibrant.formats.poses.read import PoseNotation, RawPoses
 
+LEAST_VIEWS = 3
+"""Fewer determine no camera by themselves, and tell nothing of how poses are written."""
 _SAME_METRES = 1e-6
 """Two notations of a file give the same pose, or one that is off by the size of the motion."""
 
@@ -51,6 +53,11 @@ class ReadList:
     raw: RawPoses | None = None
     notation: str = ""
     other_poses: Mapping[str, NDArray] = field(default_factory=dict)
+
+    @property
+    def few(self) -> bool:
+        """Whether it waits for what other lists say of its poses."""
+        return self.data is not None and self.diagnosis is None
 
     def poses_of(self, robot: str) -> Mapping[str, NDArray]:
         """The list's poses of a robot, by moment."""
@@ -96,7 +103,7 @@ def read_lists(names: Names, common: ListRequest, *, joined: bool) -> list[ReadL
             lists.append(_read_between(names, common, camera, robot, lists))
         else:
             lists.append(_read_one(names, common, camera, robot, joined=joined))
-    return lists
+    return [_read_as_others(part, lists) if part.few else part for part in lists]
 
 
 def _refuse_shared_photos(names: Names, common: ListRequest) -> None:
@@ -161,6 +168,11 @@ def _read_one(names: Names, common: ListRequest, camera: str, robot: str, *, joi
         still, lens, files = _standing(alone)
         return ReadList(words, camera, Pictures(camera, STANDING, still, name, names.target_name(camera)), files, lens)
     data = hand_eye_list.read(alone)
+    if len(names.images) > 1 and data.observations is not None and 0 < len(data.observations.views) < LEAST_VIEWS:
+        seen = _few_at_moments(words, camera, data, data.observations, alone.setup)
+        found = Pictures(camera, alone.setup, seen, name, names.target_name(camera))
+        pairings = {"": data.pairing}
+        return ReadList(words, camera, found, data.files, data.camera, data=data, pairings=pairings, raw=data.raw)
     with common.listener.status("Examining the data …" if names.plain else f"Examining the data of {words} …"):
         diagnosis = hand_eye_list.diagnose(data, alone)
     require_sound(diagnosis)
@@ -185,6 +197,32 @@ def _read_one(names: Names, common: ListRequest, camera: str, robot: str, *, joi
         raw=data.raw,
         notation=diagnosis.poses.decision.notation.description,
     )
+
+
+def _few_at_moments(words: str, camera: str, data: PairedData, seen: Observations, setup: str) -> Observations:
+    """Too few photos to be examined by themselves: the cell finds their camera through what others have found.
+
+    Raises: RefusedError where nobody says what carries the camera.
+    """
+    if setup == "auto":
+        photos = "1 photo shows" if len(seen.views) == 1 else f"{len(seen.views)} photos show"
+        raise RefusedError(
+            f"{words}: {photos} the target, which is not enough to tell whether the robot carries the camera or the "
+            f"target: say it with --setup {camera}=eye-in-hand or {camera}=eye-to-hand, and other cameras of the cell "
+            "tell where the target is; or add photos at other poses, 10 to 20"
+        )
+    moments = _moments(data)
+    return replace(seen, views=tuple(replace(v, moment=moments[v.id]) for v in seen.views))
+
+
+def _read_as_others(part: ReadList, lists: Sequence[ReadList]) -> ReadList:
+    """The list with its poses read as other lists of its robot have them. Raises: InputError where none says how."""
+    if part.data is None or part.pictures is None:
+        return part
+    notation = _only_notation(part.pictures.robot, part.data, lists, why="so few photos")
+    moments, poses = _moments(part.data), notation.poses
+    at = {moments[i]: T for i, T in zip(poses.ids, poses.T_base_gripper)}
+    return replace(part, poses=at, notation=notation.description)
 
 
 def _robot_of(names: Names, camera: str, robot: str) -> str:
@@ -234,14 +272,16 @@ def _read_between(names: Names, common: ListRequest, camera: str, robots: str, k
     )
 
 
-def _only_notation(robot: str, data: PairedData, known: Sequence[ReadList]) -> PoseNotation:
+def _only_notation(
+    robot: str, data: PairedData, known: Sequence[ReadList], why: str = "photos in which both robots move"
+) -> PoseNotation:
     """How a robot's poses are read: as its other photos say, or the only way there is. Raises: InputError."""
     said = {p.notation for p in known if p.pictures is not None and p.pictures.robot == robot and p.notation}
     possible = [n for n in data.complete if not said or n.description in said]
     if len(possible) != 1:
         raise InputError(
-            f"the poses of {robot} can be read in {len(data.complete)} ways, and photos in which both robots move do "
-            "not tell which: say it with --pose-units, --pose-rotation, --pose-angle and --pose-direction"
+            f"the poses of {robot} can be read in {len(data.complete)} ways, and {why} do not tell which: "
+            "say it with --pose-units, --pose-rotation, --pose-angle and --pose-direction"
         )
     return possible[0]
 

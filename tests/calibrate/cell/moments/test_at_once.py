@@ -18,8 +18,9 @@ from calibrant.cameras import Camera
 from calibrant.data import Observations, View
 from calibrant.errors import RefusedError
 from calibrant.geometry import se3, so3
-from calibrant.simulate.scenes import standard_camera
+from calibrant.simulate.scenes import grid, look_at_board, standard_camera
 from calibrant.simulate.stereo import standard_pair, stereo_scene
+from calibrant.simulate.truth import normalised
 
 BOARD = "chessboard:9x7:25mm"
 """As many corners one way as the other, modulo two: turned by half, it looks the same."""
@@ -230,3 +231,39 @@ def test_a_move_is_that_of_the_whole_covariance() -> None:
     np.testing.assert_allclose(move.step, found[6:], rtol=1e-7)
     assert move.z == pytest.approx(found[6:] @ np.linalg.solve(V[6:, 6:], found[6:]), rel=1e-7)
     assert move.total == pytest.approx(d.ravel() @ weight @ d.ravel(), rel=1e-7)
+
+
+def test_a_third_camera_numbers_alike_what_it_shares_with_one_that_is_not_its_pair() -> None:
+    """Left and right see the board without middle once, each from its own end: middle ties them at the others."""
+    camera, points = standard_camera(), grid(8, 6, 0.03)
+    turns = {n: so3.exp([0, 0.1 * c, 0]) for c, n in enumerate(("left", "middle", "right"))}
+    places = {n: se3.make(R, -R @ [0.1 * c, 0, 0]) for c, (n, R) in enumerate(turns.items())}
+    boards = look_at_board(camera, points, 40, rng=np.random.default_rng(3), distance=(0.6, 0.9))
+    views, n = [], 0
+    for T in boards:
+        uv = {name: camera.project(se3.apply(M @ T, points)) for name, M in places.items()}
+        if n == 12 or not all(np.all((u > 0) & (u < np.array(camera.image_size) - 1)) for u in uv.values()):
+            continue
+        # Middle shares the most moments with both, left and right the one that it has not.
+        names = ("left", "right") if n == 0 else ("left", "middle") if n % 2 else ("middle", "right")
+        views += [View(f"{name}-{n}", points, uv[name], np.arange(48), name, moment=str(n)) for name in names]
+        n += 1
+    other = replace(views[1], points=points.max(axis=0) - points, point_ids=47 - np.arange(48))
+    sizes, spec = dict.fromkeys(places, camera.image_size), "chessboard:8x6:30mm"
+    result = cb.calibrate_rig(Observations((views[0], other, *views[2:]), sizes, spec))
+    assert result.rms_px == pytest.approx(0, abs=1e-6)
+    truth = places["left"] @ se3.inverse(places["right"])
+    np.testing.assert_allclose(result.transform("left", "right").matrix, truth, atol=1e-6)
+    assert "of right, 1 of 6 views were numbered again" in result.check("board-numbering").message
+
+
+def test_one_picture_a_camera_of_lenses_given_as_exact_has_a_sigma_of_its_own_size() -> None:
+    """A flat board in one picture tells nothing of a lens: that is no doubt of kilometres."""
+    scene = stereo_scene(1)
+    one = tuple(v for v in scene.observations.views if v.moment == "03")
+    exact = {n: Camera(c.model, c.image_size, c.values) for n, c in scene.cameras.items()}
+    result = cb.calibrate_rig(replace(scene.observations, views=one), cameras=exact)
+    T = result.transform("left", "right")
+    assert T.covariance is not None
+    assert 1e-5 < np.sqrt(T.covariance[3, 3]) < 0.02
+    assert normalised(T, scene.T_left_right) < 22.5

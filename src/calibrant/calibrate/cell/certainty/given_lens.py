@@ -39,6 +39,8 @@ SPREADS = (4.0,)
 2 % larger and holds no more wrong lenses; doubts of 6 hold a centre that is a pixel off too seldom."""
 LIKELIER = 0.5
 """Chance from which the doubt about a lens counts that all else hangs on."""
+MOST_OFF = 0.01
+"""Of the focal length: what a lens in a file is off by where nothing shows it, in focal lengths and centre."""
 TOGETHER = (("fx", "fy"), ("cx", "cy"), ("fx", "fy", "cx", "cy"))
 """What is off at once: focus and zoom, crop, and size or another camera."""
 MAIN = ("fx", "fy", "cx", "cy")
@@ -97,10 +99,24 @@ def lens_doubt(
     squares = float((d / scale) @ np.linalg.solve(C_all / scale[:, None] / scale, d / scale))
     chance = chi2_tail(len(d), squares)
     names = tuple(role.camera.model.parameter_names[k] for k in free)
-    doubt = doubted(C_all, d, lens_groups(names, odds=ODDS / max(hanging, 1)), SPREADS)
-    off = np.zeros_like(C) if hanging and doubt.chance < LIKELIER else doubt.off
+    C_all, off = _within_reason(C_all, d, MOST_OFF * _focal_px(role.camera))
+    doubt = doubted(C_all, off, lens_groups(names, odds=ODDS / max(hanging, 1)), SPREADS)
+    doubts = np.zeros_like(C) if hanging and doubt.chance < LIKELIER else doubt.off
     moved = carried(solution, freed, at, but=(lens,))
-    return LensDoubt(moved @ off @ moved.T, moved @ C_all @ moved.T, chance, names, d, scale)
+    return LensDoubt(moved @ doubts @ moved.T, moved @ C_all @ moved.T, chance, names, d, scale)
+
+
+def _within_reason(C: Array, d: Array, most: float) -> tuple[Array, Array]:
+    """C and d of lens parameters in pixels by which no lens given as exact is off by more than `most` typically: what
+    the cell does not tell of it, as one picture of a flat board does not, is no doubt without bounds."""
+    scale = np.sqrt(np.diag(C))
+    P = np.linalg.inv(C / scale[:, None] / scale)
+    both = scale[:, None] * np.linalg.inv(P + np.diag((scale / most) ** 2)) * scale
+    return both, both @ ((P @ (d / scale)) / scale)
+
+
+def _focal_px(camera: Camera) -> float:
+    return float(np.mean([abs(camera.parameters[n]) for n in ("fx", "fy") if n in camera.parameters]))
 
 
 def lens_groups(names: Sequence[str], *, odds: float = ODDS) -> list[Group]:

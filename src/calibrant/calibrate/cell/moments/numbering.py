@@ -6,7 +6,8 @@ Each image numbers such a board by itself, from one end or the other. With the t
 
 of which one is where the cameras stand, at every moment the same: the D that most moments come nearest to, each by its
 own s. Of several as good the one that turns the fewest. The end that a handheld board starts at means nothing
-else, so that the second camera's views are numbered as the first one's.
+else, so that the second camera's views are numbered as the first one's. Where two cameras stand to each other is then
+known, and with it how a third one numbers the moments that it shares with either, though with neither the most.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from calibrant.arrays import Array
 from calibrant.calibrate.cell.boards.turned import NAME, BoardTurns, board_turns, turned_views, with_boards
-from calibrant.calibrate.cell.moments.sightings import Common, Sighting, poses, trees
+from calibrant.calibrate.cell.moments.sightings import Common, Moment, Sighting, common, poses, sightings, trees
 from calibrant.calibrate.cell.problem.layout import Layout, Pictures
 from calibrant.calibrate.cell.problem.views import HandEyeViews
 from calibrant.data import Check
@@ -37,7 +38,9 @@ def numbered_at_once(
     if not any(p.handheld for p in where.pictures):
         return where, tuple(data), ()
     pictures, numbered, checks = list(where.pictures), list(data), list[Check]()
+    seen, placed = sightings(where, data), dict[str, Array]()
     for pair in trees(where, data):
+        others = [_elsewhere(seen, pair, c) for c in placed if c != pair.a]
         for spec in dict.fromkeys(_spec(where, s) for s in pair.seen_a):
             same = board_turns(spec)
             turns = same or negative_turns(spec)
@@ -46,16 +49,58 @@ def numbered_at_once(
             mine = pair.only([_spec(where, s) == spec for s in pair.seen_a])
             R_a, R_b = (poses(numbered, seen)[:, :3, :3] for seen in (mine.seen_a, mine.seen_b))
             steps = which_turns(R_a, R_b, turns.F)
-            if not steps.any() or (same is None and 2 * np.count_nonzero(steps) <= len(mine)):
+            if same is None and 2 * np.count_nonzero(steps) <= len(mine):
                 continue  # a camera sees a negative in all its pictures
-            # T_b F_s^-1 numbers the board as the other camera does.
-            back = {s: turns.F[(len(turns.F) - k) % len(turns.F)] for s, k in zip(mine.seen_b, steps.tolist()) if k}
+            back, of = _back(mine, steps, turns), len(mine)
+            R_a_b = _turned_by(R_a, R_b, turns.F[steps, :3, :3])
+            for other in others:
+                more = other.only([_spec(where, s) == spec for s in other.seen_b])
+                R_b_c = R_a_b.T @ placed[pair.a].T @ placed[other.a]
+                steps = nearest_turns(
+                    *(poses(numbered, s)[:, :3, :3] for s in (more.seen_a, more.seen_b)), R_b_c, turns.F
+                )
+                back, of = back | _back(more, steps, turns), of + len(more)
+            if not back:
+                continue
             for i in {s.list for s in back}:
                 pictures[i], numbered[i] = _turned(
                     pictures[i], numbered[i], {s.row: F for s, F in back.items() if s.list == i}
                 )
-            checks.append(Check(NAME, "ok", _said(pair, turns, len(back), len(mine), negative=same is None), len(back)))
+            checks.append(Check(NAME, "ok", _said(pair, turns, len(back), of, negative=same is None), len(back)))
+        R_a, R_b = (poses(numbered, found)[:, :3, :3] for found in (pair.seen_a, pair.seen_b))
+        placed.setdefault(pair.a, np.eye(3))
+        placed[pair.b] = placed[pair.a] @ _turned_by(R_a, R_b)
     return replace(where, pictures=tuple(pictures)), tuple(numbered), tuple(checks)
+
+
+def _elsewhere(seen: Mapping[str, Mapping[Moment, Sighting]], pair: Common, camera: str) -> Common:
+    """What b of the pair shares with another camera, beside the pair's moments."""
+    there = common(seen, camera, pair.b)
+    return there.only([m not in pair.moments for m in there.moments])
+
+
+def _back(pair: Common, steps: NDArray[np.intp], turns: BoardTurns) -> dict[Sighting, Array]:
+    """By b's sightings whose board is turned, what turns it back: T_b F_s^-1 numbers it as the other camera does."""
+    k = len(turns.F)
+    return {s: turns.F[(k - step) % k] for s, step in zip(pair.seen_b, steps.tolist()) if step}
+
+
+def _turned_by(R_a: Array, R_b: Array, F: Array | None = None) -> Array:
+    """R_a_b (3, 3): R_a F R_b^T of the moment that most others are near to."""
+    D = R_a @ (np.swapaxes(R_b, 1, 2) if F is None else F @ np.swapaxes(R_b, 1, 2))
+    cosine = (np.einsum("nij,mij->nm", D, D) - 1) / 2
+    near = np.sum(cosine > np.cos(AGREE), axis=1)
+    return np.asarray(D[np.argmax(near + cosine.mean(axis=1) / 2)])
+
+
+def nearest_turns(R_a: Array, R_b: Array, R_b_a: Array, F: Array) -> NDArray[np.intp]:
+    """The turn s (n,) of every moment by where b stands to a; as given (0) where none is near.
+
+    Args: rotations (n, 3, 3) of T_a_target and T_b_target; R_b_a (3, 3); F (k, 4, 4).
+    """
+    turned = R_b[:, None] @ np.swapaxes(F[:, :3, :3], 1, 2)
+    cosine = (np.einsum("nij,nsij->ns", R_b_a @ R_a, turned) - 1) / 2
+    return np.where(cosine.max(axis=1, initial=-1.0) > np.cos(AGREE), np.argmax(cosine, axis=1), 0)
 
 
 def _said(pair: Common, turns: BoardTurns, changed: int, of: int, *, negative: bool) -> str:

@@ -81,14 +81,15 @@ def tree(seen: Mapping[str, Mapping[Moment, Sighting]], root: str) -> list[Commo
         if not pairs:
             return out
         a, b = max(pairs, key=lambda pair: len(seen.get(pair[0], {}).keys() & seen[pair[1]].keys()))
-        best = _common(seen, a, b)
+        best = common(seen, a, b)
         if not len(best):
             return out
         out.append(best)
         placed.append(b)
 
 
-def _common(seen: Mapping[str, Mapping[Moment, Sighting]], a: str, b: str) -> Common:
+def common(seen: Mapping[str, Mapping[Moment, Sighting]], a: str, b: str) -> Common:
+    """The moments that two cameras share."""
     moments = tuple(m for m in seen.get(a, {}) if m in seen[b])
     return Common(a, b, moments, tuple(seen[a][m] for m in moments), tuple(seen[b][m] for m in moments))
 

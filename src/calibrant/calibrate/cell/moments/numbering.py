@@ -56,9 +56,8 @@ def numbered_at_once(
             for other in others:
                 more = other.only([_spec(where, s) == spec for s in other.seen_b])
                 R_b_c = R_a_b.T @ placed[pair.a].T @ placed[other.a]
-                steps = nearest_turns(
-                    *(poses(numbered, s)[:, :3, :3] for s in (more.seen_a, more.seen_b)), R_b_c, turns.F
-                )
+                R_c, R_b = (poses(numbered, seen)[:, :3, :3] for seen in (more.seen_a, more.seen_b))
+                steps = nearest_turns(R_c, R_b, R_b_c, turns.F)
                 back, of = back | _back(more, steps, turns), of + len(more)
             if not back:
                 continue

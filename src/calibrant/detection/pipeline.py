@@ -26,7 +26,7 @@ from calibrant.detection.images.header import UPRIGHT, WORDS
 from calibrant.detection.images.images import load_grey, orientation_of
 from calibrant.detection.images.likeness import notes_on_likeness
 from calibrant.detection.images.moved import notes_on_motion
-from calibrant.detection.registry import check_choice, detector_for
+from calibrant.detection.registry import check_choice, detector_for, second_look
 from calibrant.detection.subpixel.refinement import DEFAULT, Refinement
 from calibrant.errors import DetectionError, InputError
 from calibrant.executors import executor_for, in_order
@@ -143,7 +143,7 @@ def detect_file(file: Path, target: Target, mirror_x: bool, refinement: Refineme
 
 def _detect_grey(grey: Grey, target: Target, mirror_x: bool, refinement: Refinement) -> Detection:
     looked_at = np.ascontiguousarray(grey[:, ::-1]) if mirror_x else grey
-    return detector_for(target.kind, refinement).detect(looked_at, target)
+    return second_look(looked_at, target, detector_for(target.kind, refinement).detect(looked_at, target))
 
 
 def _detect_faint(file: Path, nothing: Detection, target: Target, mirror_x: bool, refinement: Refinement) -> Detection:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from importlib import import_module
 
-from calibrant.detection.detection import Detector
+from calibrant.arrays import Grey
+from calibrant.detection.detection import Detection, Detector
 from calibrant.detection.subpixel.refinement import DEFAULT, Refinement
 from calibrant.errors import InputError
+from calibrant.targets.target import Target
 
 DETECTORS = {
     "chessboard": "calibrant.detection.chessboard.detector:ChessboardDetector",
@@ -20,6 +22,10 @@ DETECTORS = {
 
 REFINED = ("chessboard", "charuco")
 """Kinds whose corners can be measured by several methods."""
+
+
+SECOND_LOOKS = {"chessboard": "calibrant.detection.charuco.not_a_chessboard:named"}
+"""What another kind's room has to say of an image in which a target of this kind was looked for."""
 
 
 def check_choice(kind: str, refinement: Refinement) -> None:
@@ -43,3 +49,12 @@ def detector_for(kind: str, refinement: Refinement = DEFAULT) -> Detector:
     found = getattr(import_module(module), name)
     detector: Detector = found(refinement) if kind in REFINED else found()
     return detector
+
+
+def second_look(grey: Grey, target: Target, detection: Detection) -> Detection:
+    """A detection with the name of the target that the image shows in the place of the one asked for."""
+    if target.kind not in SECOND_LOOKS:
+        return detection
+    module, name = SECOND_LOOKS[target.kind].split(":")
+    named: Detection = getattr(import_module(module), name)(grey, target, detection)
+    return named

@@ -10,14 +10,20 @@ import cv2
 import numpy as np
 import pytest
 from tests.detection.charuco_scenes import facing, photograph
+from tests.detection.chessboard_pictures import Lens
+from tests.detection.chessboard_pictures import facing as facing_camera
+from tests.detection.chessboard_pictures import picture as chessboard
 
 from calibrant.detection.charuco.detector import CharucoDetector
+from calibrant.detection.detection import Detection
 from calibrant.detection.images.images import load_grey
 from calibrant.detection.pipeline import detect
+from calibrant.detection.registry import detector_for, second_look
 from calibrant.errors import DetectionError
 from calibrant.targets.charuco import Charuco
 from calibrant.targets.registry import parse_target
 
+LENS = Lens(290.0, 160.0, 120.0)
 BOARD = Charuco(5, 7, 0.03, 0.022, "DICT_5X5_100")
 QUADS = (
     0.75 * np.array([[150.0, 20.0], [470.0, 40.0], [480.0, 450.0], [130.0, 430.0]]),
@@ -108,3 +114,40 @@ def test_a_picture_that_opencv_fails_on_costs_itself_alone(tmp_path: Path, monke
     assert [v.id for v in found.views] == ["1.png"]
     assert found.missed[0].id == "0.png"
     assert "cannot be searched" in found.missed[0].reason
+
+
+def looked_twice(grey: np.ndarray, spec: str) -> Detection:
+    target = parse_target(spec)
+    return second_look(grey, target, detector_for(target.kind).detect(grey, target))
+
+
+@pytest.mark.parametrize("k", range(len(QUADS)))
+def test_a_charuco_board_asked_for_as_a_chessboard_is_named(k: int) -> None:
+    found = looked_twice(picture(k), "chessboard:9x6:25mm")
+    assert found.looks_like == "a ChArUco board (use charuco:5x7:25mm:MARKER:DICT_5X5_50)"
+    assert found.another
+    assert not found.found
+
+
+def test_its_corners_are_measured_where_their_number_is_the_one_asked_for() -> None:
+    found = looked_twice(picture(0), "chessboard:4x6:30mm")
+    assert len(found.uv) == 24
+    assert "as charuco:5x7:30mm:MARKER:DICT_5X5_50" in found.notes[-1]
+
+
+def test_a_chessboard_asked_for_as_a_charuco_board_is_named() -> None:
+    pose = facing_camera(9, 6, LENS, distance=15, tilt_deg=10, axis_deg=30, roll_deg=5)
+    grey = chessboard(9, 6, pose, LENS, (320, 240), seed=1)
+    found = looked_twice(grey, "charuco:5x7:30mm:22mm:5x5_100")
+    assert found.looks_like == "a chessboard (use chessboard:9x6:30mm)"
+    assert found.another
+    # As many corners as the board has, without a marker: which of the two it is, blur may hide.
+    found = looked_twice(grey, "charuco:10x7:30mm:22mm:5x5_100")
+    assert found.looks_like is None
+    assert "too blurred, or it is a chessboard (use chessboard:9x6:30mm)" in (found.reason or "")
+
+
+def test_a_plain_chessboard_is_not_doubted() -> None:
+    pose = facing_camera(9, 6, LENS, distance=15, tilt_deg=10, axis_deg=30, roll_deg=5)
+    found = looked_twice(chessboard(9, 6, pose, LENS, (320, 240), seed=1), "chessboard:9x6:25mm")
+    assert (len(found.uv), found.notes) == (54, ())

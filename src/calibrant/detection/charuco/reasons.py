@@ -73,7 +73,23 @@ def why_not_found(grey: Grey, target: Charuco, markers: Markers, quads: Array) -
             looks_like=f"a ChArUco board with {other}",
             another=True,
         )
-    return Detection.nothing(f"no markers of {target.dictionary} seen")
+    return _chessboard_seen(grey, target) or Detection.nothing(f"no markers of {target.dictionary} seen")
+
+
+def _chessboard_seen(grey: Grey, target: Charuco) -> Detection | None:
+    """No points, where the image shows a board without markers."""
+    from calibrant.detection.chessboard.detector import plain_board_seen  # not needed where the board is found
+
+    if (shape := plain_board_seen(grey)) is None:
+        return None
+    spec = f"chessboard:{shape[0]}x{shape[1]}:{format_length(target.square)}"
+    if sorted(shape) == sorted((target.columns - 1, target.rows - 1)):
+        return Detection.nothing(
+            f"corners of a board of {target.columns}x{target.rows} squares seen, but no marker between them: they are "
+            f"too blurred, or it is a chessboard (use {spec})"
+        )
+    seen = f"a chessboard (use {spec})"
+    return Detection.nothing(f"the image looks like {seen}, you asked for {target.spec}", looks_like=seen, another=True)
 
 
 def another_board(target: Charuco, markers: Markers, explained: int) -> Detection | None:
@@ -115,15 +131,22 @@ def _another_size(seen: Charuco, target: Charuco) -> Detection:
 
 
 def _other_dictionary(grey: Grey, target: Charuco, quads: Array) -> str | None:
-    """The dictionary most of whose markers are in the picture, the smallest that holds their ids; None without one."""
+    """The dictionary most of whose markers are in the picture, None without one, or where it is the target's."""
+    seen = dictionary_seen(grey, quads)
+    if seen is None or seen[0] == target.dictionary or target.dictionary in _members(seen[0]):
+        return None
+    return seen[0]
+
+
+def dictionary_seen(grey: Grey, quads: Array) -> tuple[str, Markers] | None:
+    """The dictionary most of whose markers are in the picture, the smallest that holds their ids, and they."""
     found = {name: read_codes(grey, quads, name) for name in _FAMILIES}
     counts = {name: len(np.unique(markers.ids)) for name, markers in found.items() if len(markers)}
     if not counts or max(counts.values()) < _LEAST_OTHER_MARKERS:
         return None
     family = max(counts, key=lambda name: counts[name])
     highest = int(found[family].ids.max())
-    smallest = next(name for name in _members(family) if DICTIONARIES[name].capacity > highest)
-    return None if smallest == target.dictionary or target.dictionary in _members(family) else smallest
+    return next(name for name in _members(family) if DICTIONARIES[name].capacity > highest), found[family]
 
 
 def _members(family: str) -> list[str]:

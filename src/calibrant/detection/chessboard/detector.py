@@ -20,7 +20,7 @@ from calibrant.detection.chessboard.candidates import MOST_CANDIDATES, find_corn
 from calibrant.detection.chessboard.grid import Grid, grow_grids, turned
 from calibrant.detection.chessboard.links import neighbours
 from calibrant.detection.chessboard.partial import Placed, place
-from calibrant.detection.chessboard.patterned import squares_hold_patterns
+from calibrant.detection.chessboard.patterned import SHARE, SQUARES, squares_hold_patterns, uneven_share
 from calibrant.detection.chessboard.snap import steps_at
 from calibrant.detection.chessboard.strays import stray_corners
 from calibrant.detection.detection import Detection
@@ -249,12 +249,12 @@ def _not_found(grey: Grey, others: list[_Found], target: Chessboard) -> Detectio
     from calibrant.detection.tags.grid_seen import aprilgrid_seen  # not needed where the board is found
 
     asked = f"{target.columns}x{target.rows}"
-    shape = _largest(f.grid for f in others)
-    if shape is None:
+    largest = _largest(f.grid for f in others)
+    if largest is None:
         return Detection.nothing(f"no chessboard of {asked} inner corners was found")
     if (tags := aprilgrid_seen(grey)) is not None:  # whose small squares meet the tags in corners of a grid
         return _looks_like(tags, target)
-    rows, columns = shape
+    rows, columns = largest.shape
     if (rows > columns) != (target.rows > target.columns):
         rows, columns = columns, rows
     if (rows, columns) == (target.rows, target.columns):
@@ -270,12 +270,25 @@ def _not_found(grey: Grey, others: list[_Found], target: Chessboard) -> Detectio
 def board_seen(grey: Grey) -> tuple[int, int] | None:
     """Inner corners (columns, rows), the longer side first, of a chessboard in a small grey image (h, w), if there is
     one: for who looks for something else."""
+    grid = _grid_seen(grey)
+    return None if grid is None else (max(grid.shape), min(grid.shape))
+
+
+def plain_board_seen(grey: Grey) -> tuple[int, int] | None:
+    """As `board_seen`, of a board that has nothing drawn in its squares; in a grey image of any size."""
+    level = _level(grey, scales(grey.shape[1], grey.shape[0])[0])
+    grid = _grid_seen(level)
+    if grid is None or any(uneven_share(level, grid.xy, which, dark=grid.dark) > SHARE for which in SQUARES):
+        return None
+    return max(grid.shape), min(grid.shape)
+
+
+def _grid_seen(grey: Grey) -> Grid | None:
     corners = find_corners(grey)
-    shape = _largest(grow_grids(corners, neighbours(corners), least=LEAST_LOOK // 2))
-    return None if shape is None else (max(shape), min(shape))
+    return _largest(grow_grids(corners, neighbours(corners), least=LEAST_LOOK // 2))
 
 
-def _largest(grids: Iterable[Grid]) -> tuple[int, int] | None:
-    """Rows and columns of the largest grid that is called a board."""
+def _largest(grids: Iterable[Grid]) -> Grid | None:
+    """The largest grid that is called a board."""
     seen = [g for g in grids if g.known.sum() >= LEAST_LOOK and g.known.mean() >= LEAST_SEEN]
-    return max(seen, key=lambda g: g.area).shape if seen else None
+    return max(seen, key=lambda g: g.area) if seen else None

@@ -16,6 +16,7 @@ import calibrant as cb
 from calibrant.detection.chessboard.detector import ChessboardDetector
 from calibrant.detection.detection import Detection
 from calibrant.detection.subpixel import motion, saddle
+from calibrant.detection.subpixel.refined import Refined, Zone
 from calibrant.geometry import se3, so3
 from calibrant.simulate.render import Look, render
 from calibrant.targets.chessboard import Chessboard
@@ -29,7 +30,18 @@ CAMERA = cb.Camera.create(
     image_size=(800, 600),
 )
 VIEWS = 12
-FITS = {"alike": saddle.refine, "stretched": motion.refine}
+
+
+def alike(
+    grey: np.ndarray, uv: Array, steps: Array, dark: np.ndarray, *, radius_px: float, blur_px: float, zero_zone_px: Zone
+) -> Refined:
+    """As `motion.refine` has a picture at rest."""
+    return saddle.refined(
+        *saddle.fit(grey, uv, steps, dark, radius_px=radius_px, blur_px=blur_px, zero_zone_px=zero_zone_px)
+    )
+
+
+FITS = {"alike": alike, "stretched": motion.refine}
 
 
 def pose(rng: np.random.Generator) -> Array:

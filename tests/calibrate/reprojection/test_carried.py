@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from tests.calibrate.reprojection.slopes import check_slopes
 
 from calibrant.calibrate.reprojection.carried import CarriedFactor
 from calibrant.calibrate.reprojection.factor import ReprojectionFactor, stack
 from calibrant.calibrate.reprojection.links import Link
-from calibrant.geometry import se3
 from calibrant.simulate.projector.points import board_poses, carried_views, example_pair
 from calibrant.simulate.scenes import grid
 
@@ -59,17 +59,4 @@ def test_the_decodings_error_is_all_that_is_left() -> None:
 
 def test_jacobians_against_central_differences() -> None:
     factor, values = factor_of(corner_px=0.2, decoded_px=0.1)
-    r, jacobians = factor.linearize(*values)
-    np.testing.assert_allclose(factor.residuals(*values), r, atol=1e-9)
-    for slot, J in enumerate(jacobians):
-        pose = values[slot].ndim == 3
-        for column in range(J.shape[-1]):
-            scale = 1.0 if pose else max(1.0, float(np.abs(values[slot][0, column])))
-            step = np.zeros(J.shape[-1])
-            step[column] = h = 1e-6 * scale
-            moved = []
-            for sign in (1, -1):
-                v = list(values)
-                v[slot] = se3.retract(v[slot], sign * step) if pose else v[slot] + sign * step
-                moved.append(factor.residuals(*v))
-            np.testing.assert_allclose((moved[0] - moved[1]) / (2 * h), J[..., column], rtol=2e-6, atol=2e-5)
+    check_slopes(factor, values)

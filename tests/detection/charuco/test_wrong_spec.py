@@ -14,12 +14,15 @@ from tests.detection.chessboard_pictures import Lens
 from tests.detection.chessboard_pictures import facing as facing_camera
 from tests.detection.chessboard_pictures import picture as chessboard
 
+from calibrant.cameras import Camera
 from calibrant.detection.charuco.detector import CharucoDetector
 from calibrant.detection.detection import Detection
 from calibrant.detection.images.images import load_grey
 from calibrant.detection.pipeline import detect
 from calibrant.detection.registry import detector_for, second_look
 from calibrant.errors import DetectionError
+from calibrant.geometry import se3, so3
+from calibrant.simulate.render import Look, render
 from calibrant.targets.charuco import Charuco
 from calibrant.targets.registry import parse_target
 
@@ -130,7 +133,10 @@ def test_a_charuco_board_asked_for_as_a_chessboard_is_named(k: int) -> None:
 
 
 def test_its_corners_are_measured_where_their_number_is_the_one_asked_for() -> None:
-    found = looked_twice(picture(0), "chessboard:4x6:30mm")
+    camera = Camera.create("pinhole", {"fx": 600.0, "fy": 600.0, "cx": 239.5, "cy": 179.5}, image_size=(480, 360))
+    T = se3.make(so3.exp(np.array([0.2, 0.1, 1.5])), np.array([0.09, -0.08, 0.45]))
+    grey = render(BOARD.artwork(), camera, T, rng=np.random.default_rng(0), look=Look(clutter=0, noise_grey=1.0))
+    found = looked_twice(grey, "chessboard:4x6:30mm")
     assert len(found.uv) == 24
     assert "as charuco:5x7:30mm:MARKER:DICT_5X5_50" in found.notes[-1]
 

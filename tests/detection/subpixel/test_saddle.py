@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
-from calibrant.detection.subpixel.saddle import refine
+from calibrant.detection.subpixel.motion import refine
 
 
 def corner(x, y, a, b, *, blur=1.0, contrast=80.0, noise=0.0, seed=0, shape=(41, 41)):

@@ -278,9 +278,21 @@ def plain_board_seen(grey: Grey) -> tuple[int, int] | None:
     """As `board_seen`, of a board that has nothing drawn in its squares; in a grey image of any size."""
     level = _level(grey, scales(grey.shape[1], grey.shape[0])[0])
     grid = _grid_seen(level)
-    if grid is None or any(uneven_share(level, grid.xy, which, dark=grid.dark) > SHARE for which in SQUARES):
+    # Squares that go on to the picture's edge may be a floor.
+    if grid is None or grid.goes_on or not _whole(grid, level.shape):
+        return None
+    if any(uneven_share(level, grid.xy, which, dark=grid.dark) > SHARE for which in SQUARES):
         return None
     return max(grid.shape), min(grid.shape)
+
+
+def _whole(grid: Grid, shape: tuple[int, ...]) -> bool:
+    """Whether the squares beyond the outermost corners of all sides are in a picture (h, w)."""
+    xy = grid.xy
+    beyond = [2 * a - b for a, b in ((xy[0], xy[1]), (xy[-1], xy[-2]), (xy[:, 0], xy[:, 1]), (xy[:, -1], xy[:, -2]))]
+    outer = np.concatenate(beyond)
+    outer = outer[np.isfinite(outer).all(axis=1)]
+    return bool(np.all((outer > -0.5) & (outer < np.array(shape[::-1]) - 0.5)))
 
 
 def _grid_seen(grey: Grey) -> Grid | None:

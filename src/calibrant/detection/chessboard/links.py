@@ -56,12 +56,10 @@ def edge_between(image, x0, y0, x1, y1, least):  # type: ignore[no-untyped-def]
     return True
 
 
-@compiled("int32[:, ::1](float32[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1], float64)")
-def _nearest(image, xy, axes, contrast, bin_size):  # type: ignore[no-untyped-def]
-    """Nearest corner (n, 4) in each port's direction that fits, as from * 4 + port of its own; -1 for none."""
+@compiled_part("Tuple((int32[::1], int32[::1], int32[::1]))(float64[:, ::1], float64, int64, int64)")
+def _binned(xy, bin_size, across, down):  # type: ignore[no-untyped-def]
+    """Corners by bins of the picture: where each bin's members begin, the members, and the bin of each corner (n,)."""
     n = len(xy)
-    h, w = image.shape
-    across, down = int(w / bin_size) + 1, int(h / bin_size) + 1
     start, home = np.empty(across * down + 1, np.int32), np.empty(n, np.int32)
     for k in range(len(start)):
         start[k] = 0
@@ -76,6 +74,16 @@ def _nearest(image, xy, axes, contrast, bin_size):  # type: ignore[no-untyped-de
     for i in range(n):
         members[filled[home[i]]] = i
         filled[home[i]] += 1
+    return start, members, home
+
+
+@compiled("int32[:, ::1](float32[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1], float64)")
+def _nearest(image, xy, axes, contrast, bin_size):  # type: ignore[no-untyped-def]
+    """Nearest corner (n, 4) in each port's direction that fits, as from * 4 + port of its own; -1 for none."""
+    n = len(xy)
+    h, w = image.shape
+    across, down = int(w / bin_size) + 1, int(h / bin_size) + 1
+    start, members, home = _binned(xy, bin_size, across, down)
     direction = np.empty((n, 2, 2))
     for i in range(n):
         for axis in range(2):

@@ -46,7 +46,14 @@ def refine(
     blur_px: float = 1.0,
     zero_zone_px: Zone = 0.0,
 ) -> Refined:
-    """As `saddle.refine`, and where the picture moved while it was exposed, with that in fit and covariance."""
+    """Corners where two edges cross, near uv (n, 2); where the picture moved while it was exposed, with that in fit and
+    covariance.
+
+    Args: steps (n, 4) pixels: ux, uy to the next corner along the row and vx, vy along the column; dark (n,): colour of
+    the square towards both; radius_px: largest half width of the window; blur_px: the blur to start from, about the
+    uncertainty of uv; zero_zone_px: half width of the square around the corner that is left out, 0 for none, or
+    its half widths along x and y.
+    """
     fitted, *more = saddle.fit(grey, uv, steps, dark, radius_px=radius_px, blur_px=blur_px, zero_zone_px=zero_zone_px)
     still = saddle.refined(fitted, *more)
     there = np.flatnonzero(still.converged)

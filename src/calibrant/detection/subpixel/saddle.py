@@ -75,28 +75,6 @@ LOG_BLUR_SIGMA = 1.0
 what is known of blur beforehand, a factor of e. Wherever an edge shows its blur this says nothing."""
 
 
-def refine(
-    grey: Grey,
-    uv: Array,
-    steps: Array,
-    dark: NDArray[np.bool_],
-    *,
-    radius_px: float = 6.0,
-    blur_px: float = 1.0,
-    zero_zone_px: Zone = 0.0,
-) -> Refined:
-    """Corners where two edges cross, near uv (n, 2).
-
-    Args: steps (n, 4) pixels: ux, uy to the next corner along the row and vx, vy along the column; dark (n,): colour of
-    the square towards both; radius_px: largest half width of the window; blur_px: the blur to start from, about the
-    uncertainty of uv; zero_zone_px: half width of the square around the corner that is left out, 0 for none, or
-    its half widths along x and y.
-    """
-    return refined(
-        *fit(grey, uv, steps, dark, radius_px=radius_px, blur_px=blur_px, zero_zone_px=zero_zone_px),
-    )
-
-
 def refined(fitted: Array, sigma: Array, pieces: Array) -> Refined:
     """What `fit` found without a stretch."""
     ok = np.isfinite(sigma[:, 0])
@@ -115,7 +93,10 @@ def fit(
     zero_zone_px: Zone,
     begin: Array | None = None,
 ) -> tuple[Array, Array, Array]:
-    """As `refine`, with all that `_fit` hands back. begin (n, 13): where to start, with d and o of `moved_edges`."""
+    """Corners where two edges cross, near uv (n, 2): all that `_fit` hands back.
+
+    Args: as `motion.refine` has them; begin (n, 13): where to start, with d and o of `moved_edges`.
+    """
     fitted, sigma, pieces = _fit(
         grey,
         np.ascontiguousarray(uv, dtype=np.float64),
@@ -137,7 +118,8 @@ def fit(
 def _linearise(window, p, J, residuals):  # type: ignore[no-untyped-def]
     """Fills J (11, n) and residuals (n,) from the window's u, v and grey, (3, n); returns the sum of squared residuals.
 
-    Without branches or look-ups, so that several pixels are computed at once.
+    Without branches or look-ups, so that several pixels are computed at once. `linearise_moved` with its blur alike to
+    all sides is the same, and as the one kernel of both would take 1.4 times as long for every picture at rest.
     """
     x, y, m, c, gx, gy = p[0], p[1], p[5], p[6], p[7], p[8]
     ca, sa, cb, sb = math.cos(p[2]), math.sin(p[2]), math.cos(p[3]), math.sin(p[3])

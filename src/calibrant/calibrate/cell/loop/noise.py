@@ -124,16 +124,9 @@ def fit_loop_noise(
     if held_px is not None:
         theta[2] = held_px**2
     for _ in range(MAX_ROUNDS):
-        d, J = (M[used] for M in _linearised(A, B, state, shared, model))
-        weight = np.asarray(np.linalg.inv(_noise(theta, V_used)), dtype=np.float64)
-        rows = weight @ J
-        N = _covariance(J, rows, model.unknowns)
-        gradient = _flat(rows).T @ d.reshape(-1)
-        gradient[model.unknowns :] += state.errors
-        step = -N @ gradient
+        linear = tuple(M[used] for M in _linearised(A, B, state, shared, model))
+        step, change, N = _round(*linear, state, theta, V_used, moving, model)
         state = _moved(state, step, model)
-        change = np.zeros(len(theta))
-        change[moving] = _scoring(theta[moving], V_used[moving], weight, rows, N, d + J @ step)
         new = theta * np.exp(np.clip(change, -LONGEST_STEP, LONGEST_STEP))
         new[moving] = np.maximum(new[moving], floors[moving])
         settled = bool(np.all(np.abs(np.log(new / theta)) < SETTLED))
@@ -160,6 +153,25 @@ def fit_loop_noise(
         _log_likelihood(_noise(theta, V_used), d[used], N, state.errors),
         float(np.sqrt(np.linalg.pinv(_information(theta, V_used), hermitian=True)[2, 2])),
     )
+
+
+def _round(
+    d: Array, J: Array, state: _State, theta: Array, V: Array, moving: slice, model: Model
+) -> tuple[Array, Array, Array]:
+    """The step of the unknowns, that of the logarithms of the noise's variances theta, and the unknowns' covariance.
+
+    Args: d (n, 6) and J, as `_linearised` has them for the views that count; V, their sources; moving: the levels that
+    are estimated.
+    """
+    weight = np.asarray(np.linalg.inv(_noise(theta, V)), dtype=np.float64)
+    rows = weight @ J
+    N = _covariance(J, rows, model.unknowns)
+    gradient = _flat(rows).T @ d.reshape(-1)
+    gradient[model.unknowns :] += state.errors
+    step = -N @ gradient
+    change = np.zeros(len(theta))
+    change[moving] = _scoring(theta[moving], V[moving], weight, rows, N, d + J @ step)
+    return step, change, N
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,10 +15,7 @@ MOST_FILES = 20
 MOST_LINES = 400
 MOST_OF_A_FUNCTION = 60
 
-LONG: Mapping[str, str] = {
-    "calibrate/cell/loop/noise.py:fit_loop_noise": "one iteration whose steps share a dozen arrays",
-    "detection/chessboard/links.py:_nearest": "compiled: a call inside its loops costs what the function is for",
-}
+LONG: Mapping[str, str] = {}
 """Functions that are longer, and why."""
 
 

@@ -6,6 +6,7 @@ texel for other polygons and discs), so that an edge keeps its true position whe
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -21,6 +22,9 @@ from calibrant.targets.apriltag3 import FAMILIES, tag_cells
 
 _TEXELS = 4096
 """Texels along the longer side: three a pixel when the sheet fills a 1280 px image, well below an image's blur."""
+
+_BAND = 16
+"""Rows that are drawn at once: 0.5 MB of numbers."""
 
 _SUBROWS = 16
 """Scan lines a texel for slanted and round shapes: coverage is exact along x and to 1/16 texel along y."""
@@ -56,9 +60,18 @@ def rasterise(artwork: Artwork) -> Texture:
     for shape in artwork.shapes:
         _draw(grey, shape, origin, texel)
     # The last row and column may reach beyond the sheet; their cover says how much of them is paper.
-    cover = np.outer(_cover(height, 0.0, (y1 - y0) / texel), _cover(width, 0.0, (x1 - x0) / texel))
-    data = np.rint(255 * np.stack([np.clip(grey, 0, 1) * cover, cover], axis=-1)).astype(np.uint8)
+    down, across = _cover(height, 0.0, (y1 - y0) / texel), _cover(width, 0.0, (x1 - x0) / texel)
+    data = np.empty((height, width, 2), dtype=np.uint8)
+    for rows in _bands(height):
+        cover = np.outer(down[rows], across)
+        data[rows, :, 0] = np.rint(255 * (np.clip(grey[rows], 0, 1) * cover))
+        data[rows, :, 1] = np.rint(255 * cover)
     return Texture(data, origin, texel, _clearance(data))
+
+
+def _bands(height: int) -> Iterator[slice]:
+    """Rows few enough at once for a processor's cache: a whole sheet's numbers would pass through memory in every step."""
+    return (slice(first, min(first + _BAND, height)) for first in range(0, height, _BAND))
 
 
 def marker_bits(dictionary: str, marker_id: int) -> NDArray[np.float32]:
@@ -118,9 +131,10 @@ def _paint(grey: NDArray[np.float32], low: Array, high: Array, cells: NDArray) -
     ys = np.linspace(low[1], high[1], cells.shape[0] + 1) - r0
     C_x = np.stack([_cover(c1 - c0, a, b) for a, b in pairwise(xs)], axis=1)
     C_y = np.stack([_cover(r1 - r0, a, b) for a, b in pairwise(ys)], axis=1)
-    patch = grey[r0:r1, c0:c1]
-    patch *= (1 - np.outer(C_y.sum(axis=1), C_x.sum(axis=1))).astype(np.float32)
-    patch += (C_y @ cells @ C_x.T).astype(np.float32)
+    patch, along, of_rows, of_columns = grey[r0:r1, c0:c1], C_y @ cells, C_y.sum(axis=1), C_x.sum(axis=1)
+    for rows in _bands(r1 - r0):
+        patch[rows] *= (1 - np.outer(of_rows[rows], of_columns)).astype(np.float32)
+        patch[rows] += (along[rows] @ C_x.T).astype(np.float32)
 
 
 def _blend_rows(grey: NDArray[np.float32], row: int, spans: list[tuple[float, float]], value: float) -> None:
@@ -171,7 +185,8 @@ def _clearance(data: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Distance, texels, to the nearest texel that differs from a neighbour; the sheet's border counts as an edge."""
     padded = cv2.copyMakeBorder(data, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=(0, 0))
     kernel = np.ones((3, 3), dtype=np.uint8)
-    changes = (cv2.dilate(padded, kernel) != cv2.erode(padded, kernel)).any(axis=-1)[1:-1, 1:-1]
-    distance = cv2.distanceTransform(np.where(changes, 0, 255).astype(np.uint8), cv2.DIST_L2, 5)
+    # Both bytes of a texel as one number.
+    alike = cv2.dilate(padded, kernel).view(np.uint16) == cv2.erode(padded, kernel).view(np.uint16)
+    distance = cv2.distanceTransform(alike[1:-1, 1:-1, 0].astype(np.uint8), cv2.DIST_L2, 5)
     # The distance is between centres of texels: points may be half a diagonal off at both ends.
     return np.maximum(distance - np.float32(np.sqrt(2)), 0)

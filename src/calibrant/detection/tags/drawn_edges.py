@@ -32,8 +32,6 @@ STILL = 0.5
 """Of a corner's sigma: when none moved further, the next drawing would move it by a fifth of that."""
 BLURRED_CELLS = 0.15
 """Blur over a cell from which markers are drawn: a border's middle is then nearer than three sigmas to its sides."""
-BLURRED_PX = quad_edges.MEASURE_PX[-1] / 2.5
-"""Or blur, px: the profiles that need no drawing then end before ink and paper are reached."""
 BLUR_PX = (0.2, 0.6)
 """The least blur, of a pixel's own kind, and the most in cells: no code is read through more."""
 INWARDS_CELLS = 1.5
@@ -61,7 +59,7 @@ def refine_drawn(
         return uv, sigma
     cell = quad_edges.depth(uv, np.roll(uv, -1, axis=1) - uv).min(axis=1) / square
     blur = _blur(grey, uv, cell)
-    for i in np.flatnonzero(seen & (blur > np.minimum(BLURRED_CELLS * cell, BLURRED_PX))):
+    for i in np.flatnonzero(seen & (blur > BLURRED_CELLS * cell)):
         uv[i], sigma[i] = _against_drawings(grey, uv[i], cells[i], square, float(blur[i]))
     return uv, sigma
 
@@ -69,12 +67,15 @@ def refine_drawn(
 def _blur(grey: Grey, uv: Array, cell: Array) -> Array:
     """Blur (n,), px, by how steep the mean profile across each side is: step / (slope sqrt(2 pi)), the median side."""
     side = np.roll(uv, -1, axis=1) - uv
-    half = np.broadcast_to(np.clip(0.5 * cell, 1.0, None)[:, None], side.shape[:2])
-    value, _ = quad_edges.profiles(grey, uv, side, -half, half)
-    mean = value.mean(axis=2)
-    slope = np.diff(mean, axis=-1).max(axis=-1) * (quad_edges.SAMPLES - 1) / (2.0 * half)
-    step = mean.max(axis=-1) - mean.min(axis=-1)
-    return np.asarray(np.median(step / np.maximum(slope, 1e-6), axis=1)) / np.sqrt(2.0 * np.pi)
+    most, blur = np.maximum(0.5 * cell, 1.0), np.full(len(uv), np.inf)
+    for _ in range(2):  # samples across half a large cell are too far apart for the slope of a sharp edge
+        half = np.broadcast_to(np.clip(FAR * blur, 1.0, most)[:, None], side.shape[:2])
+        value = quad_edges.profiles(grey, uv, side, -half, half)[0]
+        mean = value.mean(axis=2)
+        slope = np.diff(mean, axis=-1).max(axis=-1) * (quad_edges.SAMPLES - 1) / (2.0 * half)
+        step = mean.max(axis=-1) - mean.min(axis=-1)
+        blur = np.asarray(np.median(step / np.maximum(slope, 1e-6), axis=1)) / np.sqrt(2.0 * np.pi)
+    return blur
 
 
 def _against_drawings(grey: Grey, uv: Array, cells: NDArray[np.bool_], square: int, blur: float) -> tuple[Array, Array]:

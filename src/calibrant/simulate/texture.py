@@ -70,7 +70,7 @@ def rasterise(artwork: Artwork) -> Texture:
 
 
 def _bands(height: int) -> Iterator[slice]:
-    """Rows few enough at once for a processor's cache: a whole sheet's numbers would pass through memory in every step."""
+    """Rows few enough at once for a processor's cache: a whole sheet's numbers would go to memory in every step."""
     return (slice(first, min(first + _BAND, height)) for first in range(0, height, _BAND))
 
 

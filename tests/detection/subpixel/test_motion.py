@@ -150,6 +150,19 @@ def test_a_smear_beyond_half_a_square_is_named() -> None:
     assert notes_on_motion([("b.png", False)]) == ()
 
 
+@pytest.mark.parametrize("length", [0.0, 6.0])
+def test_a_smeared_tag_is_no_larger_than_it_is(length: float) -> None:
+    """Its edges are 30 px from anything else: profiles see the whole smear, and no drawing is needed."""
+    target = parse_target("marker:150mm:DICT_APRILTAG_36h11:10")
+    T = se3.make(so3.exp(np.array([0.2, -0.3, 0.1])), np.array([0.0, 0.0, 0.5]))
+    look = Look(clutter=0, noise_grey=0.1, motion_px=(length, 0.0))
+    found = detector_for("marker").detect(
+        render(target.artwork(), CAMERA, T, rng=np.random.default_rng(0), look=look), target
+    )
+    # Compared with drawings, whose blur is alike to all sides, they were 0.03 and 0.07 px outwards.
+    assert np.abs(found.uv - CAMERA.project(se3.apply(T, target.points))).max() < 0.025
+
+
 def test_other_refinements_keep_their_own_sigma() -> None:
     from calibrant.detection.subpixel.refinement import Refinement
 

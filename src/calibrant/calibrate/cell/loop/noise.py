@@ -124,8 +124,8 @@ def fit_loop_noise(
     if held_px is not None:
         theta[2] = held_px**2
     for _ in range(MAX_ROUNDS):
-        linear = tuple(M[used] for M in _linearised(A, B, state, shared, model))
-        step, change, N = _round(*linear, state, theta, V_used, moving, model)
+        d, J = _linearised(A, B, state, shared, model)
+        step, change, N = _round(d[used], J[used], state, theta, V_used, moving, model)
         state = _moved(state, step, model)
         new = theta * np.exp(np.clip(change, -LONGEST_STEP, LONGEST_STEP))
         new[moving] = np.maximum(new[moving], floors[moving])

@@ -53,8 +53,16 @@ def detector_for(kind: str, refinement: Refinement = DEFAULT) -> Detector:
 
 def second_look(grey: Grey, target: Target, detection: Detection) -> Detection:
     """A detection with the name of the target that the image shows in the place of the one asked for."""
-    if target.kind not in SECOND_LOOKS:
+    if target.kind not in SECOND_LOOKS or (detection.found and not _may_hold_markers(grey, target, detection)):
         return detection
     module, name = SECOND_LOOKS[target.kind].split(":")
     named: Detection = getattr(import_module(module), name)(grey, target, detection)
     return named
+
+
+def _may_hold_markers(grey: Grey, target: Target, found: Detection) -> bool:
+    """Whether something is drawn in the light squares of a chessboard that was found; else no other room is loaded."""
+    from calibrant.detection.chessboard.patterned import squares_hold_patterns
+    from calibrant.targets.chessboard import Chessboard
+
+    return isinstance(target, Chessboard) and squares_hold_patterns(grey, found, target, "light")

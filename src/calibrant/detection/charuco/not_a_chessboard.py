@@ -12,7 +12,6 @@ from calibrant.arrays import Grey
 from calibrant.detection.charuco.detector import COARSE_SIDE_PX
 from calibrant.detection.charuco.reasons import dictionary_seen
 from calibrant.detection.charuco.size import size_seen
-from calibrant.detection.chessboard.patterned import squares_hold_patterns
 from calibrant.detection.detection import Detection
 from calibrant.detection.tags.search import efforts, find_quads_at
 from calibrant.errors import InputError
@@ -29,8 +28,6 @@ def named(grey: Grey, target: Target, detection: Detection) -> Detection:
     """
     if not isinstance(target, Chessboard):
         raise InputError(f"a chessboard was looked for, not a target of kind {target.kind!r}")
-    if detection.found and not squares_hold_patterns(grey, detection, target, "light"):
-        return detection
     board = charuco_seen(grey, target.square)
     if board is None:
         return detection

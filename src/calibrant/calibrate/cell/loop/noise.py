@@ -139,20 +139,13 @@ def fit_loop_noise(
     noise[~used] += J[~used] @ N @ np.swapaxes(J[~used], 1, 2)
     levels = np.sqrt(theta)
     return LoopNoise(
-        state.Xs[0],
-        state.Zs[0],
-        state.scale,
-        N[: model.unknowns, : model.unknowns],
-        float(levels[0]),
-        float(levels[1]),
-        float(levels[2]),
-        d,
-        np.einsum("ni,ni->n", d, np.linalg.solve(noise, d[..., None])[..., 0]),
-        used,
+        state.Xs[0], state.Zs[0], state.scale, N[: model.unknowns, : model.unknowns],
+        float(levels[0]), float(levels[1]), float(levels[2]), d,
+        np.einsum("ni,ni->n", d, np.linalg.solve(noise, d[..., None])[..., 0]), used,
         (6 * int(used.sum()) - model.unknowns) / SHARES,
         _log_likelihood(_noise(theta, V_used), d[used], N, state.errors),
         float(np.sqrt(np.linalg.pinv(_information(theta, V_used), hermitian=True)[2, 2])),
-    )
+    )  # fmt: skip
 
 
 def _round(

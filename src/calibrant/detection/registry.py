@@ -62,7 +62,5 @@ def second_look(grey: Grey, target: Target, detection: Detection) -> Detection:
 
 def _may_hold_markers(grey: Grey, target: Target, found: Detection) -> bool:
     """Whether something is drawn in the light squares of a chessboard that was found; else no other room is loaded."""
-    from calibrant.detection.chessboard.patterned import squares_hold_patterns
-    from calibrant.targets.chessboard import Chessboard
-
-    return isinstance(target, Chessboard) and squares_hold_patterns(grey, found, target, "light")
+    patterned = import_module("calibrant.detection.chessboard.patterned")
+    return bool(patterned.squares_hold_patterns(grey, found, target, "light"))

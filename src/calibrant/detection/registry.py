@@ -26,6 +26,7 @@ REFINED = ("chessboard", "charuco")
 
 SECOND_LOOKS = {"chessboard": "calibrant.detection.charuco.not_a_chessboard:named"}
 """What another kind's room has to say of an image in which a target of this kind was looked for."""
+DRAWN_IN_SQUARES = "calibrant.detection.chessboard.patterned:squares_hold_patterns"
 
 
 def check_choice(kind: str, refinement: Refinement) -> None:
@@ -62,5 +63,5 @@ def second_look(grey: Grey, target: Target, detection: Detection) -> Detection:
 
 def _may_hold_markers(grey: Grey, target: Target, found: Detection) -> bool:
     """Whether something is drawn in the light squares of a chessboard that was found; else no other room is loaded."""
-    patterned = import_module("calibrant.detection.chessboard.patterned")
-    return bool(patterned.squares_hold_patterns(grey, found, target, "light"))
+    module, name = DRAWN_IN_SQUARES.split(":")
+    return bool(getattr(import_module(module), name)(grey, found, target, "light"))

@@ -84,7 +84,7 @@ def test_a_camera_that_delivers_mirror_images_is_named(seen: Observations, side:
     whole = replace(seen, views=tuple(v for v in seen.views if len(v) == 54))
     width = whole.image_sizes[side][0]
     mirrored = replace(whole, views=tuple(flipped(v, width) if v.camera == side else v for v in whole.views))
-    with pytest.raises(RefusedError, match=rf"of \d+ do when the images of one camera .* Give --mirror-{side}"):
+    with pytest.raises(RefusedError, match=rf"of \d+ do when the images of one camera .* Give mirror_{side}"):
         cb.calibrate_stereo(mirrored)
 
 

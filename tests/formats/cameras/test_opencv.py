@@ -8,12 +8,14 @@ import cv2
 import numpy as np
 import pytest
 
+import calibrant as cb
 from calibrant.cameras import Camera, camera_model
-from calibrant.data import CalibrationResult
+from calibrant.data import CalibrationResult, as_transform
 from calibrant.errors import InputError
 from calibrant.formats.cameras.opencv import write_intrinsics
 from calibrant.formats.cameras.read import read_camera
 from calibrant.formats.documents.opencv_storage import read_json, read_xml, read_yaml, yaml_text
+from calibrant.geometry import se3, so3
 
 CAMERA = Camera.create(
     "brown",
@@ -201,3 +203,56 @@ def test_a_model_that_opencv_lacks_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="double_sphere camera cannot be written as OpenCV YAML"):
         write_intrinsics(camera, tmp_path / "Intr.yml")
     assert not (tmp_path / "Intr.yml").exists()
+
+
+def test_the_interactive_calibrations_file_is_read_with_its_deviations(tmp_path: Path) -> None:
+    file = tmp_path / "cameraParameters.yml"
+    values = {
+        "camera_matrix": np.array([[910.0, 0, 640], [0, 911, 360], [0, 0, 1]]),
+        "camera_matrix_std_dev": np.array([[1.0], [1.1], [2.0], [2.1]]),
+        "dist_coeffs": np.array([[0.1, -0.2, 1e-3, 2e-3, 0.05]]),
+        "dist_coeffs_std_dev": np.array([[0.01], [0.02], [1e-4], [2e-4], [0.03]]),
+        "avg_reprojection_error": 0.24,
+    }
+    file.write_text(yaml_text(values) + "cameraResolution: [ 1280, 720 ]\n")
+    camera = read_camera(file)
+    assert camera.image_size == (1280, 720)
+    sigma = {"fx": 1.0, "fy": 1.1, "cx": 2.0, "cy": 2.1, "k1": 0.01, "k2": 0.02, "p1": 1e-4, "p2": 2e-4, "k3": 0.03}
+    assert camera.sigma == pytest.approx(sigma)
+
+
+@pytest.mark.parametrize("ending", ["yml", "xml"])
+def test_the_stereo_samples_two_files_are_a_pair(tmp_path: Path, ending: str) -> None:
+    K = np.array([[910.0, 0, 640], [0, 911, 360], [0, 0, 1]])
+    D = np.array([[0.1, -0.2, 1e-3, 2e-3, 0.05]])
+    for name, values in (
+        ("intrinsics", {"M1": K, "D1": D, "M2": K, "D2": D}),
+        ("extrinsics", {"R": np.eye(3), "T": np.array([[-60.0], [0.0], [0.0]]), "R1": np.eye(3)}),
+    ):
+        storage = cv2.FileStorage(str(tmp_path / f"{name}.{ending}"), cv2.FILE_STORAGE_WRITE)
+        for key, value in values.items():
+            storage.write(key, value)
+        storage.release()
+    with pytest.raises(InputError, match="T_unit"):
+        cb.convert(tmp_path, image_size="1280x720")
+    found = cb.convert(tmp_path, image_size="1280x720", unit="mm")
+    np.testing.assert_allclose(found.transform("left", "right").matrix[:3, 3], [0.06, 0, 0], atol=1e-15)
+    assert list(found.cameras) == ["left", "right"]
+
+
+def test_any_two_connected_cameras_are_written_as_a_pair(tmp_path: Path) -> None:
+    camera = Camera.create("brown", {"fx": 800.0, "fy": 810.0, "cx": 320.0, "cy": 240.0}, image_size=(640, 480))
+    T_base_a = se3.make(so3.exp([0.1, 0.2, -0.3]), [0.5, 0.1, 0.2])
+    T_base_b = se3.make(so3.exp([0.1, 0.25, -0.3]), [0.6, 0.1, 0.2])
+    places = (as_transform("base", "a", T_base_a), as_transform("base", "b", T_base_b))
+    CalibrationResult("rig", "ok", cameras={"a": camera, "b": camera}, transforms=places).write(tmp_path / "rig.json")
+    cb.convert(tmp_path / "rig.json", tmp_path / "stereo.yml", to="opencv-stereo")
+    storage = cv2.FileStorage(str(tmp_path / "stereo.yml"), cv2.FILE_STORAGE_READ)
+    R, T, F = (storage.getNode(key).mat() for key in "RTF")
+    point = np.array([0.7, 0.2, 3.0])
+    in_a, in_b = (se3.apply(se3.inverse(T_base_c), point) for T_base_c in (T_base_a, T_base_b))
+    np.testing.assert_allclose(R @ (1e3 * in_a) + T[:, 0], 1e3 * in_b, atol=1e-9)
+    a, b = (np.append(camera.project(p), 1.0) for p in (in_a, in_b))
+    assert abs(b @ F @ a) < 1e-9 * np.linalg.norm(F) * np.linalg.norm(a) * np.linalg.norm(b)
+    again = cb.convert(tmp_path / "stereo.yml")
+    np.testing.assert_allclose(again.transform("a", "b").matrix, se3.inverse(T_base_a) @ T_base_b, atol=1e-12)

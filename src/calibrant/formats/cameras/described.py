@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from calibrant.arrays import Array
 from calibrant.cameras import Camera
+from calibrant.cameras.model import REQUIRED
+from calibrant.cameras.plane_distortion import TERMS
 from calibrant.errors import InputError
 from calibrant.formats.cameras.camera_format import (
     Size,
@@ -35,7 +37,17 @@ _FOCAL = (("fx", "flx"), ("fy", "fly"), ("cx", "ppx"), ("cy", "ppy"))
 """Focal lengths and principal point; NeRF's and RealSense's names after them."""
 _WIDTH_KEYS = ("imagewidth", "width", "w", "imgwidth", "cols")
 _HEIGHT_KEYS = ("imageheight", "height", "h", "imgheight", "rows")
-_SIZE_KEYS = ("imagesize", "size", "resolution", "imgsize", "framesize", "imagedimensions", "dimensions", "dim")
+_SIZE_KEYS = (
+    "imagesize",
+    "size",
+    "resolution",
+    "cameraresolution",
+    "imgsize",
+    "framesize",
+    "imagedimensions",
+    "dimensions",
+    "dim",
+)
 _SHAPE_KEYS = ("imgshape", "imageshape", "shape")
 """An array's shape is (rows, columns): height first."""
 _WRAPPED = ("distortion", "distortionmodel", "lens", "resolution", "imagesize", "size")
@@ -190,11 +202,18 @@ def _stated_size(fields: Fields) -> Size | None:
 
 
 def _with_sigma(camera: Camera, fields: Fields) -> Camera:
+    """The camera with what the file says of its certainty: variances alone, since correlations live in our results."""
     sigma, names = fields.get("parametersigma"), fields.get("parameternames")
-    if sigma is None or str(names or "").split() != list(camera.model.parameter_names):
+    stated: dict[str, float] = {}
+    if sigma is not None:
+        stated = dict(zip(str(names or "").split(), numbers(sigma, "parameter_sigma").tolist()))
+    # OpenCV's interactive calibration: of fx, fy, cx, cy, and of the terms in its order.
+    for key, order in (("cameramatrixstddev", REQUIRED), ("distcoeffsstddev", TERMS[:5])):
+        if key in fields:
+            stated |= dict(zip(order, numbers(fields.get(key), fields.name(key)).tolist()))
+    if not set(camera.model.parameter_names) <= set(stated):
         return camera
-    # The file keeps the variances alone; correlations live in the JSON result.
-    covariance = np.diag(numbers(sigma, "parameter_sigma") ** 2)
+    covariance = np.diag([stated[name] ** 2 for name in camera.model.parameter_names])
     if not np.all(np.isfinite(covariance)):
-        raise InputError("parameter_sigma holds numbers that are not finite, or too large to be of use")
+        raise InputError("the parameters' 1 sigma hold numbers that are not finite, or too large to be of use")
     return Camera.create(camera.model.name, camera.parameters, image_size=camera.image_size, covariance=covariance)

@@ -10,15 +10,16 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibrant.arrays import Array
 from calibrant.data import CalibrationResult
 from calibrant.data.details import StereoGeometry
 from calibrant.errors import InputError
 from calibrant.formats.cameras.opencv import distortion_coefficients, is_opencvs
-from calibrant.formats.documents.opencv_storage import yaml_text
+from calibrant.formats.documents.opencv_storage import Storable, yaml_text
+from calibrant.formats.exchange.places import places_in
 from calibrant.geometry import se3, so3
+from calibrant.geometry.projective import essential_from_transform, fundamental_from_transform
 from calibrant.targets.lengths import parse_length
 
 _MM = 1e3
@@ -39,12 +40,15 @@ def is_opencvs_pair(result: CalibrationResult) -> bool:
 
 
 def stereo_text(result: CalibrationResult) -> str:
-    """The pair of a result of kind "stereo". Raises: InputError for another kind, or a model that OpenCV lacks."""
-    pair = result.detail(StereoGeometry)
-    if pair is None:
-        raise InputError(f"a result of kind {result.kind!r} holds no stereo pair; calibrant stereo makes one")
-    values: dict[str, NDArray | float | int | str] = {"calibration_time": result.created}
-    for number, name in ((1, pair.left), (2, pair.right)):
+    """A pair: of a result of kind "stereo", or any two cameras that transforms connect, in their order.
+
+    Raises: InputError where there are not two, or none leads from one to the other, or OpenCV lacks a model.
+    """
+    left, right = _sides(result)
+    T = se3.inverse(places_in(result, left, (right,))[right])
+    a, b = result.cameras[left], result.cameras[right]
+    values: dict[str, Storable] = {"calibration_time": result.created}
+    for number, name in ((1, left), (2, right)):
         camera = result.cameras[name]
         if not is_opencvs(camera):
             raise InputError(
@@ -63,15 +67,26 @@ def stereo_text(result: CalibrationResult) -> str:
         if "xi" in camera.parameters:
             values[f"xi{number}"] = camera.parameters["xi"]
     values |= {
-        "R": np.array(pair.R),
-        "T": _MM * np.array([pair.t_m]).T,
+        "R": T[:3, :3],
+        "T": _MM * T[:3, 3:],
         "T_unit": "mm",
-        "E": _MM * np.array(pair.E),
-        "F": np.array(pair.F),
+        "E": _MM * essential_from_transform(T),
+        "F": fundamental_from_transform(T, K_a=a.K, K_b=b.K),
     }
     if result.rms_px is not None:
         values["avg_reprojection_error"] = float(result.rms_px)
     return yaml_text(values)
+
+
+def _sides(result: CalibrationResult) -> tuple[str, str]:
+    pair = result.detail(StereoGeometry)
+    if pair is not None:
+        return pair.left, pair.right
+    if len(result.cameras) != 2:
+        listed = ", ".join(result.cameras) or "none"
+        raise InputError(f"OpenCV's stereo file holds two cameras, there are {len(result.cameras)} ({listed})")
+    left, right = result.cameras
+    return left, right
 
 
 def is_pair(data: Mapping[str, Any]) -> bool:

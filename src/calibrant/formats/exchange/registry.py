@@ -36,7 +36,7 @@ FORMATS: dict[str, Line] = {
     "calibrant": Line("cameras.calibrant_result"),
     "easycalib": Line("cameras.easycalib"),
     "easycalib-json": Line("cameras.easycalib", read=False, attribute="JSON_FORMAT"),
-    "opencv-stereo": Line("cameras.opencv_pair"),
+    "opencv-stereo": Line("cameras.opencv_pair", ("tree", "folder")),
     "opencv": Line("cameras.opencv_camera"),
     "camera-info": Line("cameras.ros_camera"),
     "described": Line("cameras.described_file"),

@@ -25,20 +25,24 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from calibrant.calibrate.approximation.nearest import in_words_of
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Check, Measured, Observations, RobotPoses, View, ViewResult
 from calibrant.data.result_file import read_observations, read_result, result_text
 from calibrant.data.results import MethodResult, as_transform
 from calibrant.detection.images.images import load_grey, load_image
 from calibrant.diagnose.next_pose.obstacles import read_geometry
-from calibrant.errors import CalibrantError
+from calibrant.errors import CalibrantError, InputError
 from calibrant.formats.cameras.opencv import intrinsics_text
 from calibrant.formats.cameras.read import read_camera
+from calibrant.formats.exchange.exchange_format import WriteOptions, read_cameras
+from calibrant.formats.exchange.read import read_any
+from calibrant.formats.exchange.registry import FORMATS, format_named
 from calibrant.formats.points_yaml import read_own_points
 from calibrant.formats.poses.measurements import read_measurements
 from calibrant.formats.poses.notations import notations
@@ -55,6 +59,7 @@ from calibrant.tasks.inputs.columns import read_columns
 
 MOST_SECONDS, MOST_GROWTH = 10.0, 1e9
 RNG = np.random.default_rng(3)
+PLAIN = {"fx": 800.5, "fy": 801.5, "cx": 320.25, "cy": 240.5}
 NUMBER = re.compile(rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 WORD = re.compile(rb"[A-Za-z_][\w.-]*")
 HOSTILE = tuple(
@@ -152,6 +157,7 @@ def corpus() -> dict[str, Kind]:
         ),
         "geometry": Kind((("g.yaml", _geometry()),), read_geometry),
         "picture": Kind(tuple(_picture_files()), picture_in_use),
+        "exchange": Kind(tuple(_exchanged_files(camera, T[0])), read_any),
     }
 
 
@@ -297,6 +303,25 @@ def _picture_files() -> Iterator[tuple[str, bytes]]:
     for suffix in (".png", ".jpg", ".bmp", ".tiff", ".webp", ".pgm", ".ras", ".jp2"):
         image = picture[..., 0] if suffix == ".pgm" else picture
         yield f"i{suffix}", cv2.imencode(suffix, image)[1].tobytes()
+
+
+def _exchanged_files(camera: Camera, T: np.ndarray) -> Iterator[tuple[str, bytes]]:
+    """A camera in a robot's hand in every format that is one file and written."""
+    named = {"camera": camera}
+    result = read_cameras(named, transforms=(as_transform("gripper", "camera", T),))
+    for name in FORMATS:
+        form = format_named(name)
+        if form.write is None or name.endswith("-pose"):
+            continue
+        kept = {key: in_words_of(camera, form.models) if form.models else camera for key in named}
+        if kept["camera"] is None:
+            kept = {"camera": Camera.create("pinhole", PLAIN, image_size=(640, 480))}
+        try:
+            written = form.write(replace(result, cameras=kept), WriteOptions(unit_m=1.0))
+        except InputError:  # it holds something else, such as a pair
+            continue
+        if isinstance(written, bytes):
+            yield f"{name}{form.suffix}", written
 
 
 def mutated(data: bytes, others: list[bytes], rng: random.Random) -> bytes:

@@ -58,7 +58,7 @@ class Request:
 
     calibrant convert camchain.yaml rig.json
     calibrant convert rig.json left.cameramodel --camera left
-    calibrant convert hand-eye.json camera.launch.py --to ros2-static-transform --transform gripper:camera
+    calibrant convert hand-eye.json camera.launch.py --to ros2-launch --transform gripper:camera
 
     What is in the file is found out from its content. Without OUT, prints what it holds. --to names the format; where
     the ending of OUT can be one format's alone, it is not needed. docs/file-formats.md lists them all.
@@ -96,7 +96,7 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     if form is None or request.target is None:
         return Outcome(result=found)
     sayable = _sayable(found, form, approximate=request.approximate)
-    options = _write_options(request, request.target, form, sayable)
+    options = _write_options(request, request.target, form)
     return Outcome(result=sayable, documents=_documents(request.target, form, sayable, options))
 
 
@@ -181,7 +181,7 @@ def _near_check(name: str, camera: Camera, near: str, rms_px: float, text: str) 
     return Check(f"approximation of {name}", "warn", words, rms_px)
 
 
-def _write_options(request: Request, target: Path, form: ExchangeFormat, result: CalibrationResult) -> WriteOptions:
+def _write_options(request: Request, target: Path, form: ExchangeFormat) -> WriteOptions:
     from calibrant.formats.exchange.exchange_format import WriteOptions
 
     pair = None
@@ -189,7 +189,7 @@ def _write_options(request: Request, target: Path, form: ExchangeFormat, result:
         parent, colon, child = request.transform.partition(":")
         if not (parent and colon and child):
             raise InputError(f"--transform takes PARENT:CHILD, got {request.transform!r}")
-        pair = (result.transform(parent, child).parent, child)
+        pair = (parent, child)
     said = request.said
     chosen = form.known_answers(_by_name("--choose", said.choose), option="--choose")
     return WriteOptions(transform=pair, unit_m=said.unit_m, stem=target.name.partition(".")[0], answers=chosen)

@@ -19,7 +19,10 @@ from calibrant.simulate.scenes import intrinsics_scene
 from calibrant.tasks.registry import TASKS
 
 PACKAGE = Path(calibrant.__file__).parent
-FOREIGN = {"--help", "--version", "--install-completion"}
+FOREIGN = {"--help", "--version", "--install-completion"} | {
+    f"--{name}" for name in ("frame-id", "child-frame-id", "roll", "pitch", "yaw", "qx", "qy", "qz", "qw", "ros-args")
+}
+"""Of no command, and of ROS's static_transform_publisher."""
 
 
 def test_advice_names_options_that_there_are() -> None:

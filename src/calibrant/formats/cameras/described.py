@@ -69,6 +69,9 @@ def described_camera(data: Mapping[str, Any], image_size: Size | None, source: s
         wrappers = _wrappers(data)
         if len(wrappers) > 1:
             raise InputError(f"{len(wrappers)} cameras ({', '.join(map(str, wrappers))}); give a file of one camera")
+        if not wrappers:
+            listed = ", ".join(map(str, list(data)[:8])) or "none"
+            raise InputError(f"no camera matrix (K, camera_matrix, or fx, fy, cx, cy) among the keys: {listed[:200]}")
         inside = wrappers[0]
         fields.without(spelled(inside))
         fields = Fields(data[inside], above=fields)

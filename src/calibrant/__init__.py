@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from calibrant.targets.registry import parse_target as parse_target
     from calibrant.tasks.inputs.pose_files import read_poses as read_poses
     from calibrant.tasks.verbs import capture as capture
+    from calibrant.tasks.verbs import compare as compare
     from calibrant.tasks.verbs import convert as convert
     from calibrant.tasks.verbs import demo as demo
     from calibrant.tasks.verbs import depth as depth
@@ -93,6 +94,7 @@ _PUBLIC = {
     "calibrate_stereo": ("calibrant.calibrate.stereo.calibrate", "calibrate_stereo"),
     "calibrate_several": ("calibrant.calibrate.cell.calibrate", "calibrate_several"),
     "detect": ("calibrant.detection.pipeline", "detect"),
+    "compare": ("calibrant.tasks.verbs", "compare"),
     "convert": ("calibrant.tasks.verbs", "convert"),
     "depth": ("calibrant.tasks.verbs", "depth"),
     "doctor": ("calibrant.tasks.verbs", "doctor"),

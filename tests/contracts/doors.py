@@ -212,6 +212,10 @@ def _convert(files: Files) -> Options:
     return {"source": files.camera, "target": files.folder / "Intr.yml", "to": "opencv", "force": True}
 
 
+def _compare(files: Files) -> Options:
+    return {"first": files.camera, "second": files.camera}
+
+
 CASES: Mapping[str, Callable[[Files], Options]] = {
     "detect": _detect,
     "intrinsics": _intrinsics,
@@ -230,6 +234,7 @@ CASES: Mapping[str, Callable[[Files], Options]] = {
     "scan": _scan,
     "undistort": _undistort,
     "convert": _convert,
+    "compare": _compare,
     "verify unchanged": _verify_unchanged,
 }
 """Options by command, as Python takes them: a line for every command that gives a result."""

@@ -36,6 +36,7 @@ from calibrant.data.details import (
     CameraClock,
     CameraClocks,
     Changes,
+    Comparison,
     Deviations,
     EpipolarErrors,
     EpipolarMatrices,
@@ -68,6 +69,12 @@ from calibrant.data.details import (
     ViewDeviation,
     ViewMotion,
     ViewPlan,
+)
+from calibrant.data.details_comparison import (
+    CameraComparison,
+    DifferenceMap,
+    ParameterDifference,
+    TransformComparison,
 )
 from calibrant.data.details_projector import ProjectorCapture, ProjectorCaptures
 from calibrant.data.result_file import read_observations, read_result, write_observations, write_result
@@ -155,7 +162,19 @@ def details() -> tuple[object, ...]:
         ),
         TriangulatedEdges(12, 1 / 3, -0.01, 25.0),
         SharedMoments(("left", "right"), ((12, 7), (7, 9))),
+        Comparison("a.json", "b.json", (_compared(),), (_moved(),), ("left",), ("base → camera",)),
     )
+
+
+def _compared() -> CameraComparison:
+    terms = (ParameterDifference("fx", "px", 1 / 3, 2 / 3, 0.1, None, 1 / 3), ParameterDifference("k1", "1", None, 0.1))
+    places = DifferenceMap(2, 1, (0.0, 1 / 3), (0.0, 0.0), (1 / 3, None), (1 / 7, None), (0.1, None))
+    sizes = ("left", "cam0", "brown", "pinhole", (640, 480), (320, 240), 1 / 3, 1.0, 1 / 7, 0.5)
+    return CameraComparison(*sizes, (1 / 3, 0.0, 1e-9), None, 1 / 3, 1 / 7, 0.9, terms, places)
+
+
+def _moved() -> TransformComparison:
+    return TransformComparison("base", "left", (1 / 3, 0.0, 0.1), (1e-9, 0.0, 0.1), (0.1, 1 / 3, 0.1), None, 0.5)
 
 
 def full_result() -> CalibrationResult:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from calibrant.data.details_comparison import Comparison as Comparison
 from calibrant.data.details_projector import ProjectorCaptures
 from calibrant.data.details_rig import CameraClock as CameraClock
 from calibrant.data.details_rig import CameraClocks as CameraClocks
@@ -381,5 +382,6 @@ DETAILS: Mapping[str, type] = {
     "rectified_pair": RectifiedPair,
     "epipolar_matrices": EpipolarMatrices,
     "projector_captures": ProjectorCaptures,
+    "comparison": Comparison,
 }
 """The key of each record in a result file."""

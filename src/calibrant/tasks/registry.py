@@ -72,6 +72,7 @@ TASKS = {
         judged=False,
     ),
     "report": Entry("results.report", "Show a result file, or make its HTML report.", ()),
+    "compare": Entry("results.compare", "Compare two calibrations: pixels, parameters, mm and deg."),
     "convert": Entry("results.convert", "Convert cameras, rigs and transforms between programs.", ("json",)),
     "kinematics": Entry("robots.kinematics", "Identify and correct a robot's geometry.", ("report", "json")),
     "next-pose": Entry("robots.next_pose", "Say which poses to take next, or from the start.", ("report", "json")),

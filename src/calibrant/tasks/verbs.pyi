@@ -333,6 +333,12 @@ def report(
     target_sigma: str | None = None,
     force: bool = False,
 ) -> CalibrationResult: ...
+def compare(
+    first: str | Path,
+    second: str | Path,
+    *,
+    camera: Words = (),
+) -> CalibrationResult: ...
 def convert(
     source: str | Path,
     target: str | Path | None = None,

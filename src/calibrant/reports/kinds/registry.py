@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from calibrant.data import CalibrationResult
 from calibrant.reports.kinds import (
     cameras,
+    comparison,
     doctor,
     dynamic,
     hand_eye,
@@ -48,6 +49,7 @@ KINDS: Mapping[str, Kind] = {
     "unchanged": unchanged.KIND,
     "observations": observations.KIND,
     "cameras": cameras.KIND,
+    "comparison": comparison.KIND,
     "pointing": pointing.KIND,
     "projector": projector.KIND,
     "scan": scan.KIND,

@@ -1,0 +1,210 @@
+"""Two results compared: every camera and transform that both have, and whether their uncertainties explain it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibrant.arrays import Array
+from calibrant.data import CalibrationResult, Check, Measured, TransformEstimate
+from calibrant.data.details_comparison import CameraComparison, Comparison, TransformComparison
+from calibrant.data.results import verdict_of
+from calibrant.diagnose.compare.cameras import compare_cameras
+from calibrant.errors import InputError
+from calibrant.geometry import se3, so3
+from calibrant.optimize import uncertainty
+from calibrant.optimize.chances import chi2_tail
+from calibrant.percent import percent
+
+RARE = 0.003
+"""A chance below it is said: three sigma of one number."""
+_MISSING = 0.01
+"""Part of the image that one camera alone sees, above which it is said."""
+_SAME_PX, _SAME_MM, _SAME_DEG = 1e-6, 1e-6, 1e-7
+"""What numbers in files are rounded to: differences below are none, whatever the sigmas."""
+
+
+def compare_results(
+    first: CalibrationResult,
+    second: CalibrationResult,
+    *,
+    names: tuple[str, str] = ("first", "second"),
+    cameras: Sequence[tuple[str, str]] | None = None,
+) -> CalibrationResult:
+    """A result of kind "comparison": what differs between two, in pixels, mm and deg, with sigma.
+
+    Cameras go by their names; the only camera of each goes with the other's whatever they are called. Both are taken
+    as independent: calibrations from the same photos have less between them than is said here.
+    Args: names, what the two are called; cameras, pairs of names (of the first, of the second) in place of that.
+    Raises: InputError where they have nothing in common, or a name is none of theirs.
+
+        >>> import calibrant as cb
+        >>> found = compare_results(cb.read("monday.json"), cb.read("friday.json"))  # doctest: +SKIP
+    """
+    pairs = _paired(first, second) if cameras is None else list(cameras)
+    compared = []
+    for a, b in pairs:
+        for result, name, whose in ((first, a, names[0]), (second, b, names[1])):
+            if name not in result.cameras:
+                listed = ", ".join(result.cameras) or "none"
+                raise InputError(f"{whose} has no camera {name!r}; its cameras: {listed}")
+        compared.append(compare_cameras(first.cameras[a], second.cameras[b], names=(a, b)))
+    moved = _transforms(first, second, dict(pairs))
+    if not (compared or moved):
+        raise InputError(
+            f"{names[0]} and {names[1]} have no camera and no transform in common: {_holds(first)}; {_holds(second)}"
+        )
+    mine = {t.parent + " → " + t.child for t in first.transforms if not _is_in(t, moved, {})}
+    back = {b: a for a, b in pairs}
+    theirs = {t.parent + " → " + t.child for t in second.transforms if not _is_in(t, moved, back)}
+    record = Comparison(
+        *names,
+        tuple(compared),
+        tuple(moved),
+        only_first=(*(n for n in first.cameras if n not in dict(pairs)), *sorted(mine)),
+        only_second=(*(n for n in second.cameras if n not in back), *sorted(theirs)),
+    )
+    checks = tuple(_checks(record))
+    return CalibrationResult("comparison", verdict_of(checks), checks, figures=_figures(record), details=(record,))
+
+
+def _holds(result: CalibrationResult) -> str:
+    cameras = ", ".join(result.cameras)
+    transforms = ", ".join(f"{t.parent} → {t.child}" for t in result.transforms)
+    return f"a {result.kind} result with " + ("; ".join(part for part in (cameras, transforms) if part) or "neither")
+
+
+def _paired(first: CalibrationResult, second: CalibrationResult) -> list[tuple[str, str]]:
+    if len(first.cameras) == len(second.cameras) == 1:
+        return [(next(iter(first.cameras)), next(iter(second.cameras)))]
+    common = [(name, name) for name in first.cameras if name in second.cameras]
+    if first.cameras and second.cameras and not common:
+        raise InputError(
+            f"the cameras have other names, {', '.join(first.cameras)} and {', '.join(second.cameras)}; say which go "
+            "together: --camera FIRST:SECOND"
+        )
+    return common
+
+
+def _transforms(first: CalibrationResult, second: CalibrationResult, same: dict[str, str]) -> list[TransformComparison]:
+    """Those of the same frames in both, either way round; cameras that are compared are one frame."""
+    out = []
+    for a in first.transforms:
+        parent, child = (same.get(frame, frame) for frame in (a.parent, a.child))
+        for b in second.transforms:
+            if (b.parent, b.child) == (parent, child):
+                out.append(_moved(a, b.matrix, b.covariance))
+            elif (b.child, b.parent) == (parent, child):
+                C = None if b.covariance is None else uncertainty.of_inverse(b.matrix, b.covariance)
+                out.append(_moved(a, se3.inverse(b.matrix), C))
+    return out
+
+
+def _is_in(t: TransformEstimate, moved: Sequence[TransformComparison], names: dict[str, str]) -> bool:
+    ends = {names.get(t.parent, t.parent), names.get(t.child, t.child)}
+    return any({m.parent, m.child} == ends for m in moved)
+
+
+def _moved(a: TransformEstimate, T: Array, C_b: Array | None) -> TransformComparison:
+    """Errors as `se3.retract` has them, of rotation and translation along the parent's axes."""
+    turn = so3.log(T[:3, :3] @ a.matrix[:3, :3].T)
+    step = T[:3, 3] - a.matrix[:3, 3]
+    mm, deg = _triple(1e3 * step), _triple(np.rad2deg(turn))
+    if a.covariance is None or C_b is None:
+        return TransformComparison(a.parent, a.child, mm, deg)
+    C = a.covariance + C_b
+    sigma = np.sqrt(np.maximum(np.diag(C), 0.0))
+    sigmas = _triple(1e3 * sigma[3:]), _triple(np.rad2deg(sigma[:3]))
+    return TransformComparison(a.parent, a.child, mm, deg, *sigmas, _chance(C, np.concatenate([turn, step])))
+
+
+def _chance(C: Array, e: Array) -> float | None:
+    """Of an error as large; directions that are held exactly tell nothing."""
+    free = np.diag(C) > 0
+    if not free.any():
+        return None
+    # Radians and metres beside each other: in units of their own sigma.
+    s = np.sqrt(np.diag(C)[free])
+    z = e[free] / s
+    return chi2_tail(int(free.sum()), float(z @ np.linalg.pinv(C[np.ix_(free, free)] / np.outer(s, s)) @ z))
+
+
+def _triple(values: Array) -> tuple[float, float, float]:
+    x, y, z = (float(v) for v in values)
+    return x, y, z
+
+
+def _figures(record: Comparison) -> dict[str, Measured]:
+    """The differences by name; of several cameras and transforms with whose they are."""
+    out = {}
+    for c in record.cameras:
+        tail = f" of {c.first}" if len(record.cameras) > 1 else ""
+        out[f"difference{tail}"] = Measured(c.rms_px, unit="px")
+        out[f"largest difference{tail}"] = Measured(c.most_px, unit="px")
+        out[f"difference without rotation{tail}"] = Measured(c.rotated_rms_px, unit="px")
+        out[f"largest difference without rotation{tail}"] = Measured(c.rotated_most_px, unit="px")
+        if c.expected_px is not None:
+            out[f"difference by the uncertainties{tail}"] = Measured(c.expected_px, unit="px")
+        out[f"implied rotation{tail}"] = Measured(float(np.linalg.norm(c.rotation_mrad)), unit="mrad")
+    for t in record.transforms:
+        name = f"{t.parent} → {t.child}"
+        for what, value, sigma in (("mm", t.mm, t.mm_sigma), ("deg", t.deg, t.deg_sigma)):
+            out[f"{name}, {'shift' if what == 'mm' else 'turn'}"] = Measured(
+                float(np.linalg.norm(value)), float("nan") if sigma is None else _along(value, sigma), what
+            )
+    return out
+
+
+def _along(value: Sequence[float], sigma: Sequence[float]) -> float:
+    """1 sigma of a length: along it, where there is one; else its worst axis."""
+    size = float(np.linalg.norm(value))
+    return float(np.linalg.norm(np.multiply(value, sigma)) / size) if size > 0 else float(max(sigma))
+
+
+def _checks(record: Comparison) -> list[Check]:
+    out = []
+    for c in record.cameras:
+        name = c.first if c.first == c.second else f"{c.first} and {c.second}"
+        out.append(_of_camera(c, name))
+        if c.first_size != c.second_size:
+            out.append(_sizes(c, name))
+        if c.first_model != c.second_model:
+            text = f"models {c.first_model} and {c.second_model}: compared by what they see"
+            out.append(Check(f"models-{name}", "ok", text))
+        if c.shared < 1 - _MISSING:
+            text = f"only {percent(c.shared)} of the image of {name} is seen by both; the rest is not compared"
+            out.append(Check(f"field-{name}", "warn", text, c.shared))
+    for t in record.transforms:
+        none = np.linalg.norm(t.mm) < _SAME_MM and np.linalg.norm(t.deg) < _SAME_DEG
+        text = f"{t.parent} → {t.child}: {np.linalg.norm(t.mm):.3g} mm and {np.linalg.norm(t.deg):.3g} deg apart"
+        out.append(_judged(f"{t.parent}-{t.child}", text, t.chance, none=bool(none)))
+    return out
+
+
+def _of_camera(c: CameraComparison, name: str) -> Check:
+    none = c.rotated_most_px < _SAME_PX
+    text = f"{name}: {c.rotated_rms_px:.3g} px RMS apart over the image, {c.rotated_most_px:.3g} px at most"
+    if c.expected_px is not None:
+        text += f"; the uncertainties make {c.expected_px:.3g} px"
+    return _judged(f"lens-{name}", text, c.chance, none=none)
+
+
+def _judged(name: str, text: str, chance: float | None, *, none: bool) -> Check:
+    """Whether the uncertainties explain a difference; a difference without them is stated, not judged."""
+    if none:
+        return Check(name, "ok", f"{text}: the same", chance)
+    if chance is None:
+        return Check(name, "ok", f"{text}; one of the two states no uncertainty, so that nothing judges it")
+    if chance < RARE:
+        words = "less than 1 in a million" if chance < 1e-6 else percent(chance)
+        return Check(name, "warn", f"{text}: more than the uncertainties explain (chance {words})", chance)
+    return Check(name, "ok", f"{text}: within the uncertainties", chance)
+
+
+def _sizes(c: CameraComparison, name: str) -> Check:
+    (w, h), (w2, h2) = c.first_size, c.second_size
+    said = f"{name}: pictures of {w}x{h} and {w2}x{h2} px"
+    if abs(w * h2 - w2 * h) <= max(w, h, w2, h2):
+        return Check(f"size-{name}", "ok", f"{said}, compared as if the second were scaled to the first", w2 / w)
+    return Check(f"size-{name}", "warn", f"{said}: no scale makes one the other, compared pixel by pixel as they stand")

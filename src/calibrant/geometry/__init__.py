@@ -6,6 +6,7 @@ Its modules are `cb.geometry`, each loaded when it is named:
     rotations         matrices from and to Euler angles, quaternions, rotation vectors, axis and angle
     frames            `FrameGraph`: any frame relative to any other
     projective        homographies, essential and fundamental matrices, epipolar lines and distances
+    rectifying        the turns after which two cameras look the same way, side by side
     triangulation     points in space from the rays that see them
     grasp_equations   Z T6 E = B G and the camera loops, one function an equation
 
@@ -26,12 +27,13 @@ if TYPE_CHECKING:
     from calibrant.geometry import frames as frames
     from calibrant.geometry import grasp_equations as grasp_equations
     from calibrant.geometry import projective as projective
+    from calibrant.geometry import rectifying as rectifying
     from calibrant.geometry import rotations as rotations
     from calibrant.geometry import se3 as se3
     from calibrant.geometry import so3 as so3
     from calibrant.geometry import triangulation as triangulation
 
-__all__ = ["frames", "grasp_equations", "projective", "rotations", "se3", "so3", "triangulation"]
+__all__ = ["frames", "grasp_equations", "projective", "rectifying", "rotations", "se3", "so3", "triangulation"]
 
 
 def __getattr__(name: str) -> ModuleType:

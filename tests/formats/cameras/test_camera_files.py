@@ -15,7 +15,7 @@ from calibrant.data import CalibrationResult
 from calibrant.data.result_file import write_result
 from calibrant.errors import InputError
 from calibrant.formats.cameras.read import read_camera
-from calibrant.formats.cameras.ros import write_camera_info
+from calibrant.formats.cameras.ros.camera_info import write_camera_info
 
 K = [[800.5, 0, 320.25], [0, 801.5, 240.75], [0, 0, 1]]
 K_FLAT = [number for row in K for number in row]

@@ -1,11 +1,7 @@
 """Rectification: two pictures as cameras that look the same way would have taken them, so that matches share a row.
 
 Each camera is turned about its centre, by half of what their directions differ and then both alike until the baseline
-is an axis of the picture (Bouguet; Camera Calibration Toolbox for Matlab; manual 003, 6.6),
-
-    r = exp(-log(R_right_left) / 2),    R_rectified_right = w r,    R_rectified_left = w r^T
-
-w the least turn that takes the baseline to x (or, where the cameras stand above each other, to y). Both pictures have
+is an axis of the picture (`geometry.rectifying`, after Bouguet; manual 003, 6.6). Both pictures have
 one focal length, one row of the principal point, and where asked one column of it:
 
     pinhole    u = cx + f X / Z,     v = cy + f Y / Z
@@ -27,7 +23,8 @@ from numpy.typing import ArrayLike
 from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.errors import InputError
-from calibrant.geometry import se3, so3
+from calibrant.geometry import se3
+from calibrant.geometry.rectifying import rectifying_turns
 from calibrant.perceive.output_cameras import WIDEST_DEG, border_rays, flattened, pinhole
 from calibrant.perceive.stereo.eyes import Eyes
 from calibrant.perceive.undistort import Maps, maps_of
@@ -191,7 +188,8 @@ def rectification(
     if focal_px is not None and not (np.isfinite(focal_px) and focal_px > 0):
         raise InputError(f"the focal length is {focal_px:g} px; expected one above 0")
     size = image_size or eyes.cameras[0].image_size
-    R, along, baseline = _turns(eyes)
+    names = (eyes.names[0], eyes.names[1])
+    R, along, baseline = rectifying_turns(eyes.T_first_camera[1], names=names)
     border = [_flat_border(c, turn, projection, along) for c, turn in zip(eyes.cameras, R)]
     f, centres = _frame(border, alpha, size, along, principal)
     f = f if focal_px is None else focal_px
@@ -200,26 +198,6 @@ def rectification(
         RectifiedView(projection, f, float(cx), float(cy), size, along) for cx, cy in (middle - f * c for c in centres)
     )
     return Rectification(eyes, R, baseline, (left, right))
-
-
-def _turns(eyes: Eyes) -> tuple[Array, int, float]:
-    """R_rectified_camera (2, 3, 3), the axis that the baseline is along, and the baseline with its sign."""
-    T_right_left = se3.inverse(eyes.T_first_camera[1])
-    r = so3.exp(-so3.log(T_right_left[:3, :3]) / 2)
-    t = r @ T_right_left[:3, 3]
-    along = int(abs(t[1]) > abs(t[0]))
-    length = float(np.linalg.norm(t))
-    if length == 0 or abs(t[along]) <= abs(t[2]):
-        raise InputError(
-            f"{eyes.names[1]} stands {'where' if length == 0 else 'before or behind'} {eyes.names[0]} "
-            f"{'is' if length == 0 else 'rather than beside it'}: their pictures have no common rows"
-        )
-    axis = np.zeros(3)
-    axis[along] = np.sign(t[along])
-    turn = np.cross(t, axis)
-    sine = float(np.linalg.norm(turn))
-    w = np.eye(3) if sine == 0 else so3.exp(turn / sine * np.arctan2(sine, float(t @ axis)))
-    return np.stack([w @ r.T, w @ r]), along, -float(np.sign(t[along])) * length
 
 
 def _flat(projection: Projection, along: int, p: ArrayLike) -> Array:

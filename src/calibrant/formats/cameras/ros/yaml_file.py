@@ -1,10 +1,15 @@
-"""ROS camera_info as a format of exchange; what is in it says `ros`."""
+"""One camera_info, a YAML file or what a topic prints, as a format of exchange; what is in it says `camera_info`."""
 
 from __future__ import annotations
 
 from calibrant.data import CalibrationResult
-from calibrant.formats.cameras.described import described_camera
-from calibrant.formats.cameras.ros import MODELS, camera_info_text
+from calibrant.formats.cameras.ros.camera_info import (
+    MODELS,
+    camera_info_text,
+    info_of,
+    is_camera_info,
+    note_rectified,
+)
 from calibrant.formats.documents.document import Document
 from calibrant.formats.exchange.exchange_format import (
     ExchangeFormat,
@@ -14,17 +19,11 @@ from calibrant.formats.exchange.exchange_format import (
     read_cameras,
 )
 
-_MARKS = {"distortion_model", "camera_name", "projection_matrix"}
-
-
-def _matches(document: Document) -> bool:
-    keys = {str(key) for key in document.mapping}
-    return bool(keys & _MARKS) and bool(keys & {"camera_matrix", "K", "k"})
-
 
 def _read(document: Document, options: ReadOptions) -> CalibrationResult:
-    name = str(document.mapping.get("camera_name") or "camera")
-    return read_cameras({name: described_camera(document.mapping, options.image_size, str(document.path))})
+    info = info_of(document.mapping, options.image_size, str(document.path))
+    note_rectified(info, str(document.path))
+    return read_cameras({info.name: info.camera})
 
 
 def _write(result: CalibrationResult, options: WriteOptions) -> bytes:
@@ -36,7 +35,7 @@ FORMAT = ExchangeFormat(
     name="camera-info",
     title="ROS camera_info (YAML)",
     suffix=".yaml",
-    matches=_matches,
+    matches=lambda document: is_camera_info(document.mapping),
     read=_read,
     write=_write,
     models=MODELS,

@@ -60,6 +60,9 @@ FORMATS: dict[str, Line] = {
     "yaskawa-pose": Line("transforms.maker_poses", read=False, attribute="YASKAWA"),
     "staubli-pose": Line("transforms.maker_poses", read=False, attribute="STAUBLI"),
     "kawasaki-pose": Line("transforms.maker_poses", read=False, attribute="KAWASAKI"),
+    "colmap": Line("cameras.photogrammetry.colmap", ("text", "binary", "folder")),
+    "nerf": Line("cameras.photogrammetry.nerf"),
+    "bundler": Line("cameras.photogrammetry.bundler", ("text",)),
     "described": Line("cameras.described_file"),
 }
 """By the name that `--to` and `--read-as` take."""

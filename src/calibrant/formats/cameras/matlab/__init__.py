@@ -1,0 +1,1 @@
+"""Calibrations of MATLAB: its own toolbox and that of Bouguet."""

@@ -1,0 +1,1 @@
+"""Reconstructions by photogrammetry: many pictures of few cameras, each with its place."""

@@ -1,0 +1,1 @@
+"""Depth and stereo cameras: the calibration that their makers deliver."""

@@ -51,6 +51,8 @@ FORMATS: dict[str, Line] = {
     "ros2-launch": Line("transforms.launch_python", ("text",)),
     "moveit": Line("transforms.launch_python", read=False, attribute="MOVEIT_FORMAT"),
     "urdf-joint": Line("transforms.urdf_joint", ("xml",)),
+    "mjcf": Line("scenes.mjcf", ("xml",)),
+    "mjcf-body": Line("scenes.mjcf", read=False, attribute="BODY_FORMAT"),
     "xacro": Line("transforms.urdf_joint", read=False, attribute="XACRO_FORMAT"),
     "ur-pose": Line("transforms.maker_poses", read=False, attribute="UR"),
     "franka-pose": Line("transforms.maker_poses", read=False, attribute="FRANKA"),

@@ -1,0 +1,1 @@
+"""Cameras of simulators and scene editors: MuJoCo, USD, CoppeliaSim, Blender, Unity."""

@@ -30,8 +30,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calibrant.calibrate.approximation.nearest import in_words_of
 from calibrant.cameras import Camera
+from calibrant.cameras.approximation.nearest import in_words_of
 from calibrant.data import CalibrationResult, Check, Measured, Observations, RobotPoses, View, ViewResult
 from calibrant.data.result_file import read_observations, read_result, result_text
 from calibrant.data.results import MethodResult, as_transform
@@ -313,7 +313,7 @@ def _exchanged_files(camera: Camera, T: np.ndarray) -> Iterator[tuple[str, bytes
         form = format_named(name)
         if form.write is None or name.endswith("-pose"):
             continue
-        kept = {key: in_words_of(camera, form.models) if form.models else camera for key in named}
+        kept = {key: in_words_of(camera, form.models, lacks=form.lacks) if form.models else camera for key in named}
         if kept["camera"] is None:
             kept = {"camera": Camera.create("pinhole", PLAIN, image_size=(640, 480))}
         try:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from tests.made_results import camera
 
-from calibrant.calibrate.approximation.nearest import in_words_of
 from calibrant.cameras import Camera
+from calibrant.cameras.approximation.nearest import in_words_of
 from calibrant.diagnose.compare.cameras import compare_cameras, differences
 from calibrant.errors import InputError
 from calibrant.geometry import so3

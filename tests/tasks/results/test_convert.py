@@ -54,7 +54,7 @@ def test_a_model_that_the_format_lacks_is_refused_with_the_error_of_the_nearest(
     source, target = tmp_path / "wide.yaml", tmp_path / "wide.yml"
     source.write_text(FISHEYE)
     with pytest.raises(
-        InputError, match=r"has no double_sphere camera .camera.; the nearest it has, [a-z_]*, would be off"
+        InputError, match=r"has no double_sphere camera .cam0.; the nearest it has, [a-z_]*, would be off"
     ):
         cb.convert(source, target, to="camera-info")
     assert not target.exists()

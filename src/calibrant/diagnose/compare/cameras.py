@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibrant.arrays import Array, Mask
-from calibrant.calibrate.approximation.nearest import in_words_of
 from calibrant.cameras import Camera
+from calibrant.cameras.approximation.nearest import in_words_of
 from calibrant.data.details_comparison import CameraComparison, DifferenceMap, ParameterDifference
 from calibrant.errors import InputError
 from calibrant.geometry import so3

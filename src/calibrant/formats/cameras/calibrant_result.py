@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from calibrant.cameras import MODELS
+from calibrant.cameras.splined import FAMILY
 from calibrant.data import CalibrationResult
 from calibrant.data.result_encoding import FORMAT as RESULT_FORMAT
 from calibrant.data.result_file import read_result, result_text
@@ -30,5 +31,5 @@ FORMAT = ExchangeFormat(
     matches=is_result,
     read=_read,
     write=_write,
-    models=tuple(MODELS),
+    models=(*MODELS, FAMILY),
 )

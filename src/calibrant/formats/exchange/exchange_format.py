@@ -61,7 +61,8 @@ class ExchangeFormat:
 
     matches(document): whether the content is this format's, by keys and marks that no other has. read(document,
     options), write(result, options): None where it cannot be. models: the camera models that can be written without
-    loss; others are brought into one of these, exactly or, when asked, approximated. asks: what `answers` it knows, by
+    loss; others are brought into one of these, exactly or, when asked, approximated; lacks: terms of these that the
+    format has not, by model. asks: what `answers` it knows, by
     name, with a line of help each.
     """
 
@@ -72,6 +73,7 @@ class ExchangeFormat:
     read: Callable[[Document, ReadOptions], CalibrationResult] | None = None
     write: Callable[[CalibrationResult, WriteOptions], Written] | None = None
     models: tuple[str, ...] = ()
+    lacks: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     asks: Mapping[str, str] = field(default_factory=dict)
 
     def known_answers(self, answers: Mapping[str, str], *, option: str = "--answer") -> Mapping[str, str]:

@@ -146,25 +146,25 @@ def _sayable(result: CalibrationResult, form: ExchangeFormat, *, approximate: bo
 
     Raises: InputError where it has none and nothing was said of approximating.
     """
-    from calibrant.calibrate.approximation.nearest import in_words_of, nearest_of
+    from calibrant.cameras.approximation.nearest import in_words_of, nearest_of
     from calibrant.data.results import verdict_of
 
     cameras: dict[str, Camera] = {}
     checks: list[Check] = []
     for name, camera in result.cameras.items():
-        same = in_words_of(camera, form.models) if form.models else camera
+        same = in_words_of(camera, form.models, lacks=form.lacks) if form.models else camera
         if same is not None:
             cameras[name] = same
             continue
-        found = nearest_of(camera, form.models)
+        found = nearest_of(camera, form.models, lacks=form.lacks)
         near = found.camera.model.name
         text = f"{found.rms_px:.3g} px RMS and {found.most_px:.3g} px at most over the image" + (
             f"; {100 * found.outside:.2g} % of the image lies outside of what it can show" if found.outside else ""
         )
         if not approximate:
             raise InputError(
-                f"{form.title} has no {camera.model.name} camera ({name}); the nearest it has, {near}, would be off by "
-                f"{text}. Take that with --approximate, or write another format"
+                f"{form.title} has no {camera.model.name} camera {_with_terms(camera, form)}({name}); the nearest it "
+                f"has, {near}, would be off by {text}. Take that with --approximate, or write another format"
             )
         cameras[name] = found.camera
         checks.append(_near_check(name, camera, near, found.rms_px, text))
@@ -172,6 +172,12 @@ def _sayable(result: CalibrationResult, form: ExchangeFormat, *, approximate: bo
         return replace(result, cameras=cameras)
     said = (*result.checks, *checks)
     return replace(result, cameras=cameras, checks=said, verdict=verdict_of(said))
+
+
+def _with_terms(camera: Camera, form: ExchangeFormat) -> str:
+    """Which terms it is that the format has not, where it has the model but for these."""
+    named = [name for name in form.lacks.get(camera.model.name, ()) if camera.parameters[name]]
+    return f"with {', '.join(named)} " if camera.model.name in form.models and named else ""
 
 
 def _near_check(name: str, camera: Camera, near: str, rms_px: float, text: str) -> Check:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibrant.calibrate.approximation.nearest import in_words_of, nearest, nearest_of
 from calibrant.cameras import Camera
+from calibrant.cameras.approximation.nearest import in_words_of, nearest, nearest_of
 from calibrant.errors import InputError
 
 PLAIN = {"fx": 410.0, "fy": 412.0, "cx": 321.0, "cy": 237.0}

@@ -69,8 +69,8 @@ FORMATS: dict[str, Line] = {
     "colmap": Line("cameras.photogrammetry.colmap", ("text", "binary", "folder")),
     "nerf": Line("cameras.photogrammetry.nerf"),
     "bundler": Line("cameras.photogrammetry.bundler", ("text",)),
-    "bouguet": Line("cameras.matlab.bouguet", ("text", "binary")),
     "matlab": Line("cameras.matlab.camera_parameters", ("text", "binary")),
+    "bouguet": Line("cameras.matlab.bouguet", ("text", "binary")),
     "described": Line("cameras.described_file"),
 }
 """By the name that `--to` and `--read-as` take."""

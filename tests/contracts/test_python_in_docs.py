@@ -26,6 +26,7 @@ BLOCK = re.compile(r"^```python\n(.*?)^```", re.M | re.S)
 BOARD = "chessboard:9x6:25mm"
 
 SHOWN_ELSEWHERE = {
+    "from-opencv.md": "its block runs with the lines of its page: test_pages_of_users.py",
     "conventions.md": "its examples say their output: test_conventions.py",
     "examples.md": "shows the files of examples/, which run by themselves",
 }

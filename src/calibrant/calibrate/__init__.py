@@ -1,1 +1,1 @@
-"""Floor 4: one room a calibration problem, and rooms that they share."""
+"""Floor 5: one room a calibration problem, and rooms that they share."""

@@ -1,4 +1,4 @@
-"""Floor 7: the command line, one file a command."""
+"""Floor 10: the command line, one file a command."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Floor 3: find targets in images, one detector a target. Its two names load what they need on first use."""
+"""Floor 4: find targets in images, one detector a target. Its two names load what they need on first use."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Floor 5: what is wrong with the data, and how certain the result is."""
+"""Floor 6: what is wrong with the data, and how certain the result is."""

@@ -1,1 +1,1 @@
-"""Floor 5: what is seen through a calibrated camera."""
+"""Floor 6: what is seen through a calibrated camera."""

@@ -1,1 +1,1 @@
-"""Floor 6: results for people: the terminal summary, the HTML report and printable artwork."""
+"""Floor 7: results for people: the terminal summary, the HTML report and printable artwork."""

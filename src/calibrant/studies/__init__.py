@@ -1,1 +1,1 @@
-"""Floor 7: experiments as functions that return tables."""
+"""Floor 8: experiments as functions that return tables."""

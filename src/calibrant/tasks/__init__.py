@@ -1,4 +1,4 @@
-"""Floor 8: the work of every command, one file a command: from a frozen Request to a reviewed result; no terminal.
+"""Floor 9: the work of every command, one file a command: from a frozen Request to a reviewed result; no terminal.
 
 A task is a module with
 

@@ -1,1 +1,1 @@
-"""Floor 6: whether a calibration holds, shown by what is seen now; it never learns whether a robot is simulated."""
+"""Floor 7: whether a calibration holds, shown by what is seen now; it never learns whether a robot is simulated."""

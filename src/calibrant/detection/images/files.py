@@ -7,7 +7,9 @@ from collections.abc import Iterable, Sequence
 from glob import glob, has_magic
 from pathlib import Path
 
+from calibrant.detection.images.recordings import source_of
 from calibrant.errors import InputError
+from calibrant.formats.bags.kinds import is_bag
 
 EXTENSIONS = (
     *(".png", ".jpg", ".jpeg", ".jpe", ".bmp", ".dib", ".tif", ".tiff", ".webp", ".jp2"),
@@ -23,9 +25,9 @@ _FRAME = re.compile(r"\d{6,}")
 
 
 def expand(paths: Iterable[str | Path] | str | Path) -> list[Path]:
-    """Image files of names, patterns (`images/*.png`), folders and videos, in the order given, numbers by value.
+    """Image files of names, patterns (`images/*.png`), folders, videos and bags, in the order given, numbers by value.
 
-    A video stands for its frames, video.mp4@5 for the sharpest of every five.
+    A video stands for its frames, video.mp4@5 for the sharpest of every five; a bag for the pictures of its only camera.
     A file that is named twice is taken once.
     Raises: InputError naming the file, pattern or folder that gives no image.
     """
@@ -65,6 +67,8 @@ def natural_key(path: Path) -> list[tuple[int, int, str]]:
 
 
 def _expand_one(path: Path) -> list[Path]:
+    if is_bag(path):
+        return source_of(path).frames(path, None)
     if path.is_dir():
         inside = [p for p in path.iterdir() if p.suffix.lower() in (*EXTENSIONS, *PHONES) and p.is_file()]
         if not inside:
@@ -106,8 +110,9 @@ def video_of(path: Path) -> tuple[Path, int | None] | None:
 
 
 def frame_of(path: Path) -> tuple[Path, int] | None:
-    """The video and frame number of a frame's name; None when it is none."""
-    video = path.parent
-    if not _FRAME.fullmatch(path.name) or video.suffix.lower() not in VIDEOS or not video.is_file():
+    """The recording, a video or a bag, and frame number of a frame's name; None when it is none."""
+    recording = path.parent
+    if not _FRAME.fullmatch(path.name):
         return None
-    return video, int(path.name)
+    is_video = recording.suffix.lower() in VIDEOS and recording.is_file()
+    return (recording, int(path.name)) if is_video or is_bag(recording) else None

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from calibrant.detection.images import header as image_header
 from calibrant.detection.images.files import frame_of
-from calibrant.detection.images.video import MOST_PIXELS, read_frame
+from calibrant.detection.images.recordings import source_of
+from calibrant.detection.images.video import MOST_PIXELS
 from calibrant.errors import InputError
 from calibrant.opencv import cv2
 from calibrant.reading.files import PICTURE, read_bytes
@@ -31,7 +32,7 @@ def load_grey(path: str | Path) -> NDArray[np.uint8]:
     path = Path(path)
     frame = frame_of(path)
     if frame is not None:
-        return to_grey8(read_frame(*frame))
+        return to_grey8(source_of(frame[0]).read_frame(*frame))
     data = _bytes_of(path)
     _refuse_damaged(path, data)
     image = _decoded_image(path, data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
@@ -49,14 +50,14 @@ def load_image(path: str | Path) -> NDArray[Any]:
     path = Path(path)
     frame = frame_of(path)
     if frame is not None:
-        return read_frame(*frame)
+        return source_of(frame[0]).read_frame(*frame)
     data = _bytes_of(path)
     _refuse_damaged(path, data)
     return _upright(path, data, _decoded_image(path, data, cv2.IMREAD_UNCHANGED))
 
 
 def orientation_of(path: str | Path) -> int:
-    """EXIF's orientation 1 to 8 of an image file, by which the other functions turn it; 1 for a video's frame.
+    """EXIF's orientation 1 to 8 of an image file, by which the other functions turn it; 1 for a recording's frame.
 
     Raises: InputError when the file cannot be read.
     """

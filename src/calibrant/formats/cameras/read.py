@@ -7,18 +7,23 @@ from pathlib import Path
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult
 from calibrant.errors import InputError
+from calibrant.formats.bags.camera_info import read_camera_info, topic_of
 from calibrant.formats.cameras.camera_format import Size, size_or_refuse
 from calibrant.formats.exchange.exchange_format import ReadOptions
 from calibrant.formats.exchange.read import read_any
 
 
 def read_camera(path: str | Path, *, image_size: Size | None = None, name: str | None = None) -> Camera:
-    """The camera in a file: a result of calibrant, or one of any other program's (`formats.registry`).
+    """The camera in a file: a result of calibrant, or one of any other program's (`formats.registry`); or under a topic
+    of a bag: bag.mcap/camera/camera_info.
 
     image_size (width, height) px, where the caller knows it: needed by files that do not hold it, checked on others.
     name: which camera, of a file of several; a file's only camera is taken whatever it is called.
     Raises: InputError naming the file, what it holds and which formats are read.
     """
+    inside = topic_of(Path(path))
+    if inside is not None:
+        return read_camera_info(*inside, image_size)
     found = read_any(path, ReadOptions(image_size=image_size, camera=name, places=False))
     try:
         camera = _of_result(found, name)

@@ -44,9 +44,9 @@ def _rate_of_videos(lists: Lists) -> float | None:
     videos = {place[0] for place in places if place is not None}
     if not videos or None in places:
         return None
-    from calibrant.detection.images.video import frame_rate
+    from calibrant.detection.images.recordings import source_of
 
-    rates = {video: frame_rate(video) for video in sorted(videos)}
+    rates = {video: source_of(video).frame_rate(video) for video in sorted(videos)}
     told = {video: rate for video, rate in rates.items() if rate is not None}
     if len(told) < len(rates):
         return None

@@ -222,7 +222,7 @@ def _by_number(path: Path, rows: Sequence[_Row], files: Sequence[Path]) -> tuple
 def _numbers_of(files: Sequence[Path]) -> tuple[dict[Path, int], list[int]]:
     """The number of each file, and of every picture there is: of a video also of the frames that are not taken."""
     from calibrant.detection.images.files import frame_of
-    from calibrant.detection.images.video import frame_count
+    from calibrant.detection.images.recordings import source_of
 
     videos = list(dict.fromkeys(place[0] if (place := frame_of(file)) else None for file in files))
     if len(videos) > 1:
@@ -235,7 +235,7 @@ def _numbers_of(files: Sequence[Path]) -> tuple[dict[Path, int], list[int]]:
     numbers = {file: int(digits[-1]) for file, digits in found.items()}
     if len(set(numbers.values())) < len(numbers):
         raise InputError("--times tells pictures by number, and two of a camera have the same; write file names there")
-    return numbers, sorted(numbers.values()) if videos[0] is None else list(range(frame_count(videos[0])))
+    return numbers, sorted(numbers.values()) if videos[0] is None else list(range(source_of(videos[0]).frame_count(videos[0])))
 
 
 def _add(path: Path, out: dict[K, float], key: K, row: _Row) -> None:

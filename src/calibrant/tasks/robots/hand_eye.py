@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from calibrant.errors import InputError
 from calibrant.tasks.inputs import session
+from calibrant.tasks.inputs.bags.topics import cameras_of_bag
 from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.bags import PosedBagOptions
 from calibrant.tasks.options.cameras import LensOptions
 from calibrant.tasks.options.choices import METHODS, SETUPS
 from calibrant.tasks.options.images import CornerOptions, PointsOptions, SearchOptions
@@ -18,12 +20,14 @@ from calibrant.tasks.options.robots import RobotOptions
 from calibrant.tasks.options.words import split_names
 from calibrant.tasks.options.workspace import WorkspaceOptions
 from calibrant.tasks.outcome import Outcome
+from calibrant.tasks.robots.hand_eye_bag import BagLists, poses_named, read_bag, require_one_source, with_offset_error
 from calibrant.tasks.robots.hand_eye_list import ListRequest
 from calibrant.tasks.robots.hand_eye_names import ONLY_CAMERA, Names, names_of
 from calibrant.tasks.robots.hand_eye_pictures import ReadList, files_of, joints_of, poses_of, read_lists
 
 if TYPE_CHECKING:
     from calibrant.data import CalibrationResult
+    from calibrant.formats.poses.read import RawPoses
 
 EXAMPLE = 'cb.hand_eye(images="photos/*.png", poses="poses.csv", target="chessboard:9x6:25mm")'
 
@@ -38,16 +42,18 @@ class Request:
     camera, robot and target in one problem, and refuses what the motions cannot determine.
 
     Several cameras: --images left=photos/left --images right=photos/right. Several robots: --poses a=a.csv --poses
-    b=b.csv --images top@a=photos/a --images top@b=photos/b.
+    b=b.csv --images top@a=photos/a --images top@b=photos/b. A recording of ROS has both: --bag run.mcap --image-topic
+    /camera/image_raw --tf base_link:tool0.
     """
 
-    poses: Annotated[tuple[str, ...], Option("FILES")]
+    poses: Annotated[tuple[str, ...], Option("FILES")] = ()
     """File of robot poses, or one file a pose; of several robots: NAME=FILE for each."""
     images: Annotated[tuple[str, ...], Option("IMAGES", "-i")] = ()
     """Photos, folders or patterns; of several cameras: NAME=IMAGES for each, NAME@ROBOT=IMAGES with several robots."""
     target: Annotated[tuple[str, ...], Option("SPEC", "-t")] = ()
     """The board: chessboard:9x6:25mm (inner corners), charuco:5x7:36mm:18mm:DICT_6X6_250 (squares), or a file; of one
     of several cameras: NAME=SPEC."""
+    recording: PosedBagOptions = PosedBagOptions()
     points: PointsOptions = PointsOptions()
     measured: TargetPoseOptions = TargetPoseOptions()
     camera: Annotated[tuple[str, ...], Option("FILE")] = ()
@@ -74,6 +80,9 @@ class Request:
 
 def reads(request: Request) -> list[str]:
     """Every file that is named, and the photos that patterns stand for."""
+    if request.recording.bag is not None:
+        named = [*poses_named(request.recording, ()), *(str(f) for f in _names(request).cameras.values())]
+        return [*named, *request.arm.files]
     return files_of(_names(request), _common(request, SILENT))
 
 
@@ -87,13 +96,22 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     from calibrant.data.renamed import with_camera_name
     from calibrant.data.verdicts import refuse_if_failed
 
-    names, common = _names(request), _common(request, listener)
+    request, bag = _with_bag(request, listener)
+    names, common = _names(request), _common(request, listener, None if bag is None else bag.raw)
     _check_options(request, names)
     identify = split_names(request.identify)
-    lists = read_lists(names, common, joined=not names.plain or bool(identify))
+    joined = not names.plain or bool(identify)
+    lists = read_lists(names, common, joined=joined)
     with listener.status("Calibrating …"):
         result = _calibrated(lists, names, common, identify, request.method, _accuracies(request, names))
-    checks = (*(c for p in lists for c in p.checks(result.checks, alone=names.plain)), *result.checks)
+    if bag is not None and bag.later is not None:
+        moved = replace(common, recorded=bag.later)
+        with listener.status("Calibrating …"):
+            later = read_lists(names, moved, joined=joined)
+            shifted = _calibrated(later, names, moved, identify, request.method, _accuracies(request, names))
+        result = with_offset_error(result, shifted)
+    said = () if bag is None else bag.checks
+    checks = (*(c for p in lists for c in p.checks(result.checks, alone=names.plain)), *said, *result.checks)
     done = replace(
         result,
         checks=checks,
@@ -107,9 +125,23 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     return Outcome(result=reviewed)
 
 
+def _with_bag(request: Request, listener: Listener) -> tuple[Request, BagLists | None]:
+    """The request with the bag's pictures for photos, and what the bag says of poses. Raises: InputError."""
+    asked = request.recording
+    points = request.points.observations is not None or bool(request.measured.target_poses)
+    require_one_source(asked, images=request.images, poses=request.poses, points=points)
+    if asked.bag is None:
+        return request, None
+    request = replace(request, camera=cameras_of_bag(asked.bag, request.camera))
+    names = _names(request)
+    camera = next(iter(names.images))[0]
+    bag = read_bag(asked, _common(request, listener), names.target_of(camera), names.cameras, names.setup_of(camera))
+    return replace(request, images=bag.images, poses=poses_named(asked, ())), bag
+
+
 def _names(request: Request) -> Names:
     return names_of(
-        images=request.images,
+        images=request.images or request.recording.image_topic,
         poses=request.poses,
         cameras=request.camera,
         setups=request.setup,
@@ -118,7 +150,7 @@ def _names(request: Request) -> Names:
     )
 
 
-def _common(request: Request, listener: Listener) -> ListRequest:
+def _common(request: Request, listener: Listener, recorded: RawPoses | None = None) -> ListRequest:
     """What all lists have in common."""
     return ListRequest(
         poses=(),
@@ -130,6 +162,7 @@ def _common(request: Request, listener: Listener) -> ListRequest:
         search=request.search,
         corners=request.corners,
         listener=listener,
+        recorded=recorded,
     )
 
 

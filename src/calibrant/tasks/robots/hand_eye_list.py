@@ -29,7 +29,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ListRequest:
-    """One list of photos, of points found before, or of target poses, and the robot poses that belong to it."""
+    """One list of photos, of points found before, or of target poses, and the robot poses that belong to it.
+
+    recorded: the poses themselves, where no file but a recording has them.
+    """
 
     poses: tuple[str, ...]
     images: tuple[str, ...] = ()
@@ -44,6 +47,7 @@ class ListRequest:
     search: SearchOptions = SearchOptions()
     corners: CornerOptions = CornerOptions()
     listener: Listener = SILENT
+    recorded: RawPoses | None = None
 
     @property
     def source(self) -> Source:
@@ -95,7 +99,9 @@ def read(request: ListRequest) -> PairedData:
     _check_setup(request.setup)
     _check_list(request)
     request.measured.check()
-    raw = request.form.read(request.poses, request.arm)
+    raw = request.recorded
+    if raw is None:
+        raw = request.form.read(request.poses, request.arm)
     return _with_images(request, raw) if request.of_photos else _with_target_poses(request, raw)
 
 

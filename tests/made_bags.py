@@ -96,9 +96,7 @@ class BagWriter:
         P = np.concatenate([K, np.zeros((3, 1))], axis=1)
         arrays = {"d": np.array(D, float), "k": K.ravel(), "r": np.eye(3).ravel(), "p": P.ravel()}
         arrays = {k.upper(): v for k, v in arrays.items()} if self.ros1 else arrays
-        roi = self.type("sensor_msgs/msg/RegionOfInterest")(
-            x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
-        )
+        roi = self.type("sensor_msgs/msg/RegionOfInterest")(x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
         message = cls(
             header=self.header(t), height=size[1], width=size[0], distortion_model="plumb_bob", **arrays,
             binning_x=0, binning_y=0, roi=roi,

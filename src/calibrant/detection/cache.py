@@ -23,6 +23,7 @@ from calibrant.detection.detection import Detection
 from calibrant.detection.images.files import frame_of
 from calibrant.detection.subpixel.refinement import DEFAULT, Refinement
 from calibrant.errors import CalibrantError, InputError
+from calibrant.formats.bags.kinds import files_of, is_bag
 from calibrant.opencv import cv2
 from calibrant.reading.files import Most, draft, open_file, read_text, reason_of
 from calibrant.reading.json_text import parse_json
@@ -104,8 +105,8 @@ def key_of(file: Path, target: Target, mirror_x: bool, refinement: Refinement = 
     frame = frame_of(file)
     source, number = (file, None) if frame is None else frame
     try:
-        status = source.stat()
-        digest = _content(str(source), status.st_mtime_ns, status.st_size)
+        states = [(part, part.stat()) for part in (files_of(source) if is_bag(source) else [source])]
+        digest = "".join(_content(str(part), status.st_mtime_ns, status.st_size) for part, status in states)
     except (OSError, InputError):
         return None
     parts = (digest, str(number), repr(target), str(mirror_x), repr(refinement), code_fingerprint())

@@ -33,7 +33,9 @@ class Motion:
     def __post_init__(self) -> None:
         T = se3.check(self.T, name="T")
         if T.shape != (len(self.times), 4, 4) or len(T) < 1:
-            raise InputError(f"{len(self.times)} times and poses of shape {T.shape}; expected (n, 4, 4), n of 1 or more")
+            raise InputError(
+                f"{len(self.times)} times and poses of shape {T.shape}; expected (n, 4, 4), n of 1 or more"
+            )
         if np.any(np.diff(self.times) <= 0):
             raise InputError("the times of a motion increase from each pose to the next")
 
@@ -54,11 +56,11 @@ class Motion:
 
         before the first sample and after the last these stand.
         """
-        t = np.clip(np.asarray(t, float), self.times[0], self.times[-1])
+        at = np.clip(np.asarray(t, float), self.times[0], self.times[-1])
         if len(self.times) == 1:
-            return np.repeat(self.T, len(t), axis=0)
-        i = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, len(self.times) - 2)
-        s = ((t - self.times[i]) / (self.times[i + 1] - self.times[i]))[:, None]
+            return np.repeat(self.T, len(at), axis=0)
+        i = np.clip(np.searchsorted(self.times, at, side="right") - 1, 0, len(self.times) - 2)
+        s = ((at - self.times[i]) / (self.times[i + 1] - self.times[i]))[:, None]
         before, after = self.T[i], self.T[i + 1]
         turn = so3.log(np.swapaxes(before[:, :3, :3], -1, -2) @ after[:, :3, :3])
         R = before[:, :3, :3] @ so3.exp(s * turn)

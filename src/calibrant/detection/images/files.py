@@ -25,9 +25,9 @@ _FRAME = re.compile(r"\d{6,}")
 
 
 def expand(paths: Iterable[str | Path] | str | Path) -> list[Path]:
-    """Image files of names, patterns (`images/*.png`), folders, videos and bags, in the order given, numbers by value.
+    """Image files of names, patterns (`images/*.png`), folders, videos, bags, in the order given, numbers by value.
 
-    A video stands for its frames, video.mp4@5 for the sharpest of every five; a bag for the pictures of its only camera.
+    A video stands for its frames, video.mp4@5 for the sharpest of every five; a bag for its only camera's pictures.
     A file that is named twice is taken once.
     Raises: InputError naming the file, pattern or folder that gives no image.
     """

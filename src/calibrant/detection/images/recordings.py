@@ -45,7 +45,7 @@ def source_of(recording: Path) -> Frames:
     if is_bag(recording):
         from calibrant.formats.bags import pictures
 
-        return pictures  # type: ignore[return-value]
+        return pictures
     from calibrant.detection.images import video
 
-    return video  # type: ignore[return-value]
+    return video

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.detection.images.sharpness import sharpest_together, sharpness
 from calibrant.errors import InputError
 from calibrant.opencv import cv2
 from calibrant.reading.files import open_file
@@ -22,8 +23,6 @@ MOST_PIXELS = 250_000_000
 """Of a frame or an image: the largest sensors have as many."""
 MOST_FRAMES = 300
 """More views of a board that moves before a camera repeat what is known already."""
-SHARPNESS_SIDE_PX = 320
-"""Sharpness is compared in pictures of about this many pixels: focus and motion blur show, noise averages out."""
 
 
 def frames(video: Path, every: int | None = None) -> list[Path]:
@@ -44,7 +43,7 @@ def frames(video: Path, every: int | None = None) -> list[Path]:
         ok, image = capture.read()
         if not ok:
             break
-        here = (_sharpness(image), number)
+        here = (sharpness(image), number)
         if number % every == 0:
             best.append(here)
         best[-1] = max(best[-1], here)
@@ -63,8 +62,7 @@ def frames_together(videos: Sequence[Path], every: int | None = None) -> list[li
     numbers = list(range(count))
     if every > 1:
         sharp = np.array([_sharpnesses(video, count) for video in videos])
-        worst = (sharp / np.maximum(np.median(sharp, axis=1, keepdims=True), np.finfo(float).tiny)).min(axis=0)
-        numbers = [first + int(np.argmax(worst[first : first + every])) for first in range(0, count, every)]
+        numbers = sharpest_together(sharp, every)
     return [[_name(video, i) for i in numbers] for video in videos]
 
 
@@ -124,7 +122,7 @@ def _opened(video: Path) -> cv2.VideoCapture:
 
 def _sharpnesses(video: Path, count: int) -> list[float]:
     capture = _opened(video)
-    return [_sharpness(np.asarray(capture.read()[1])) for _ in range(count)]
+    return [sharpness(np.asarray(capture.read()[1])) for _ in range(count)]
 
 
 @lru_cache(maxsize=16)
@@ -141,10 +139,3 @@ def frame_count(video: Path) -> int:
 
 def _name(video: Path, number: int) -> Path:
     return video / f"{number:06d}"
-
-
-def _sharpness(image: NDArray) -> float:
-    """Variance of the Laplacian of the grey values."""
-    factor = max(1, round(max(image.shape[:2]) / SHARPNESS_SIDE_PX))
-    small = cv2.resize(image, (image.shape[1] // factor, image.shape[0] // factor), interpolation=cv2.INTER_AREA)
-    return float(cv2.Laplacian(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY), cv2.CV_32F).var())

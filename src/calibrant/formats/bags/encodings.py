@@ -99,8 +99,8 @@ def _pixels(message: Any, kind: str, channels: int, where: str) -> NDArray[Any]:
     step = step or row
     if height < 1 or width < 1 or step < row or data.size < step * (height - 1) + row:
         raise InputError(
-            f"{where}: {data.size} bytes in rows of {step} are no {width}x{height} px of {message.encoding}; the message "
-            "is damaged"
+            f"{where}: {data.size} bytes in rows of {step} are no {width}x{height} px of {message.encoding}; the "
+            "message is damaged"
         )
     rows = np.lib.stride_tricks.as_strided(np.ascontiguousarray(data), (height, row), (step, 1))
     out = np.ascontiguousarray(rows).view(dtype).reshape(height, width, channels)

@@ -22,7 +22,9 @@ def is_bag(path: Path) -> bool:
 
 
 def _is_recorded_folder(path: Path) -> bool:
-    return path.is_dir() and (path / METADATA).is_file() and any(p.suffix in FILES or _packed(p) for p in path.iterdir())
+    return (
+        path.is_dir() and (path / METADATA).is_file() and any(p.suffix in FILES or _packed(p) for p in path.iterdir())
+    )
 
 
 def _packed(path: Path) -> bool:
@@ -42,10 +44,18 @@ def check_bag(bag: Path) -> None:
     if bag.is_dir():
         if not _is_recorded_folder(bag):
             raise InputError(
-                f"bag {bag}: the folder has no {METADATA} beside files {' or '.join(FILES[1:])}, as ROS 2 records them; "
-                "give that folder, or one file of it"
+                f"bag {bag}: the folder has no {METADATA} beside files {' or '.join(FILES[1:])}, as ROS 2 records "
+                "them; give that folder, or one file of it"
             )
+        for file in files_of(bag):
+            if file.suffix in FILES:
+                _check_file(file)
         return
+    _check_file(bag)
+
+
+def _check_file(bag: Path) -> None:
+    """Raises: InputError for a file that is not there, empty, or something else than its ending says."""
     suffix = bag.suffix.lower()
     with open_file(bag, what="bag") as stream:
         head = stream.read(100)
@@ -55,7 +65,7 @@ def check_bag(bag: Path) -> None:
     if not head:
         raise InputError(f"bag {bag} is empty (0 bytes)")
     if head.startswith(_OLD):
-        raise InputError(f"bag {bag} is of an early ROS 1 format; bring it to the present one: rosbag fix {bag} new.bag")
+        raise InputError(f"bag {bag} is of an early ROS 1 format; make a new one of it: rosbag fix {bag} new.bag")
     if not head.startswith(_HEADS[suffix]):
         other = next((kind for kind, mark in _HEADS.items() if head.startswith(mark)), None)
         is_one = f"its content is a bag of the kind {other}: rename it" if other else "its content is something else"
@@ -65,12 +75,12 @@ def check_bag(bag: Path) -> None:
 
 
 def _refuse_short(bag: Path, head: bytes, size: int) -> None:
-    """SQLite reads a file that lacks its end until the end is asked for: the header (https://sqlite.org/fileformat.html)
-    counts the pages. Raises: InputError for fewer bytes than it says."""
+    """SQLite reads a file that lacks its end until the end is asked for; the header counts the pages
+    (https://sqlite.org/fileformat.html). Raises: InputError for fewer bytes than it says."""
     page = int.from_bytes(head[16:18], "big")
     expected = int.from_bytes(head[28:32], "big") * (65536 if page == 1 else page)
     if len(head) == 100 and head[24:28] == head[92:96] and size < expected:
         raise InputError(
-            f"bag {bag} cannot be read: it is cut off or damaged (it has {size:,} of {expected:,} bytes); copy it again, "
-            "or record it again"
+            f"bag {bag} cannot be read: it is cut off or damaged (it has {size:,} of {expected:,} bytes); copy it "
+            "again, or record it again"
         )

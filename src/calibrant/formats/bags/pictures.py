@@ -77,7 +77,9 @@ def frames(bag: Path, every: int | None = None) -> list[Path]:
     """
     topics = list(dict.fromkeys(e.topic for e in _some(bag)))
     if len(topics) > 1:
-        raise InputError(f"bag {bag}: which pictures? It has {', '.join(topics)}; name one with --bag and --image-topic")
+        raise InputError(
+            f"bag {bag}: which pictures? It has {', '.join(topics)}; name one with --bag and --image-topic"
+        )
     return [name_of(bag, e.number) for e in entries(bag)[:: every or 1]]
 
 

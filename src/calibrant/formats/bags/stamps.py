@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibrant.arrays import Array
+from calibrant.arrays import Array, Indices
 from calibrant.errors import InputError
 
 HEADER, RECEIVED = "header", "received"
@@ -35,7 +35,7 @@ def seconds_of(
     return np.asarray(told * 1e-9)
 
 
-def _refuse_jump(stamps: Array, received: Array, what: str) -> None:
+def _refuse_jump(stamps: Indices, received: Indices, what: str) -> None:
     """Raises: InputError where the headers' clock, seen by the recording's, is set forward or back for good."""
     order = np.argsort(received, kind="stable")
     delay = (received - stamps)[order] * 1e-9
@@ -48,6 +48,6 @@ def _refuse_jump(stamps: Array, received: Array, what: str) -> None:
             at = (received[order][i + 1] - received.min()) * 1e-9
             raise InputError(
                 f"the clock of {what} jumps {'forward' if jump > 0 else 'back'} by {abs(jump):.3f} s, {at:.1f} s after "
-                "the recording began: it was set while it ran. Record again with clocks that run through (chrony, PTP), "
-                "cut the bag there, or take the recorder's own times: --stamps received"
+                "the recording began: it was set while it ran. Record again with clocks that run through (chrony, "
+                "PTP), cut the bag there, or take the recorder's own times: --stamps received"
             )

@@ -90,7 +90,7 @@ class Tree:
         chain = self._chain(base, tool)
         if chain is None:
             raise InputError(
-                f"{self.source}: the frames {base} and {tool} are not connected; its trees of frames are\n{self.words()}"
+                f"{self.source}: the frames {base} and {tool} are not connected; its frames are\n{self.words()}"
             )
         moving = {id(e): e.motion(stamps) for e, _ in chain if not e.static}
         if not moving:
@@ -181,7 +181,7 @@ def _poses(values: list[list[float]], child: str, source: str) -> Array:
     if wrong.any():
         k = int(np.argmax(wrong))
         raise InputError(
-            f"{source}: transform {k} of frame {child} is no pose: position {v[k, :3]} m, quaternion {v[k, 3:]} of norm "
-            f"{norms[k]:.4g}, expected 1"
+            f"{source}: transform {k} of frame {child} is no pose: position {v[k, :3]} m, quaternion {v[k, 3:]} of "
+            f"norm {norms[k]:.4g}, expected 1"
         )
     return se3.make(rotations.matrix_from_quaternion_xyzw(v[:, 3:] / norms[:, None]), v[:, :3])

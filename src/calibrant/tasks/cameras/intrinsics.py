@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 
 from calibrant.errors import InputError
 from calibrant.tasks.inputs import session
+from calibrant.tasks.inputs.bags.sharpest import only_camera
+from calibrant.tasks.inputs.bags.topics import bag_files
 from calibrant.tasks.inputs.marked import with_marks, without_marked
 from calibrant.tasks.inputs.sources import Source
 from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.bags import BagOptions
 from calibrant.tasks.options.cameras import LensOptions
 from calibrant.tasks.options.images import CornerOptions, PhotoOptions, PointsOptions, SearchOptions
 from calibrant.tasks.options.option import Option
@@ -35,6 +38,7 @@ class Request:
     """
 
     photos: PhotoOptions = PhotoOptions()
+    recording: BagOptions = BagOptions()
     points: PointsOptions = PointsOptions()
     lens: LensOptions = LensOptions()
     initial: Annotated[Path | None, Option("FILE")] = None
@@ -65,12 +69,13 @@ class Request:
 def reads(request: Request) -> list[Path]:
     """The photos or the file of points, and the camera to start from."""
     source = _source(request, SILENT)
-    return _inputs(request, source, source.files())
+    return _inputs(request, source, [] if request.recording.bag is not None else source.files())
 
 
 def _inputs(request: Request, source: Source, files: list[Path]) -> list[Path]:
     given = (request.initial, request.without_marked)
-    return [*source.inputs(files), *(file for file in given if file is not None)]
+    bag = [] if request.recording.bag is None else bag_files(request.recording.bag)
+    return [*source.inputs(files), *map(Path, bag), *(file for file in given if file is not None)]
 
 
 def run(request: Request, listener: Listener = SILENT) -> Outcome:
@@ -80,6 +85,8 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
 
     check_camera_name(request.name)
     source = _source(request, listener)
+    if request.recording.bag is not None:
+        source = replace(source, images=only_camera(request.recording, request.photos.images))
     limit = pixels(request.max_error, option="--max-error")
     mark = pixels(request.mark_outliers, option="--mark-outliers")
     if mark is not None and request.target_shape != "flat":
@@ -109,6 +116,7 @@ def _unmarked(found: Observations, request: Request) -> Observations:
 
 
 def _source(request: Request, listener: Listener) -> Source:
+    request.recording.check()
     return Source.of(request.photos, request.search, listener, points=request.points, corners=request.corners)
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 from calibrant.errors import InputError
 from calibrant.tasks.cameras.rig_pictures import ONLY_BOARD, RigPictures
 from calibrant.tasks.inputs import session
+from calibrant.tasks.inputs.bags.sharpest import refuse_beside_bag, taken_together
 from calibrant.tasks.inputs.by_camera import (
     boards_by_name,
     files_by_camera,
@@ -19,6 +20,7 @@ from calibrant.tasks.inputs.by_camera import (
 )
 from calibrant.tasks.inputs.by_partner import partner_notes
 from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.bags import BagOptions
 from calibrant.tasks.options.choices import MODELS, PAIR_RULES
 from calibrant.tasks.options.images import CornerOptions, PointsOptions, RigSearchOptions
 from calibrant.tasks.options.option import Option
@@ -51,6 +53,7 @@ class Request:
 
     images: Annotated[tuple[str, ...], Option("NAME=IMAGES", "-i")] = ()
     """Images, a folder, a pattern or a video of each camera, by its name: left=photos/left. Once for each."""
+    recording: BagOptions = BagOptions()
     target: Annotated[tuple[str, ...], Option("SPEC", "-t")] = ()
     """The board: chessboard:9x6:25mm (inner corners), charuco:5x7:36mm:18mm:DICT_6X6_250 (squares), or a file; for
     one camera, such as a thermal one that sees it inverted: thermal=SPEC."""
@@ -129,6 +132,14 @@ def _pictures(request: Request, listener: Listener) -> RigPictures:
     """What the options say. Raises: InputError for options that contradict each other, or cameras without images."""
     images = images_by_camera(request.images)
     file = request.points.observations
+    request.recording.check()
+    bag = None
+    if request.recording.bag is not None:
+        refuse_beside_bag(
+            **{"--images": images, "--observations": file, "--times": request.times, "--fps": request.fps}
+        )
+        bag = taken_together(request.recording)
+        images = dict(bag.files)
     if (file is None) == (not images):
         what = "give --images or --observations FILE, not both" if images else "no images: --images NAME=IMAGES"
         raise InputError(f"{what}; a rig takes those of two cameras or more")
@@ -148,7 +159,8 @@ def _pictures(request: Request, listener: Listener) -> RigPictures:
         images=images,
         specs=_specs(request, tuple(images)),
         observations=file,
-        rule=request.pairs,
+        rule=request.pairs if bag is None else "time",
+        recorded=None if bag is None else bag.times,
         fps=request.fps,
         table=request.times,
         search=request.search,

@@ -33,7 +33,7 @@ ONLY_BOARD = "target"
 class RigPictures:
     """images: of each camera by name; specs: by camera, the spec of every board it is searched for, by the board's
     name; observations: a file of points of all cameras instead; fps: pictures a second, table: a file of when each
-    picture was taken, where they are said."""
+    picture was taken, where they are said; recorded: the same of pictures in a bag."""
 
     images: Mapping[str, tuple[str, ...]]
     specs: Mapping[str, Mapping[str, str]]
@@ -44,6 +44,7 @@ class RigPictures:
     search: RigSearchOptions
     corners: CornerOptions
     listener: Listener
+    recorded: PictureTimes | None = None
 
     @cached_property
     def files(self) -> dict[str, list[Path]]:
@@ -89,7 +90,7 @@ class RigPictures:
     @cached_property
     def own_times(self) -> PictureTimes | None:
         """What the table of times says. Raises: InputError as `read_picture_times`."""
-        return None if self.table is None else read_picture_times(self.table, self.files)
+        return self.recorded if self.table is None else read_picture_times(self.table, self.files)
 
     @property
     def times(self) -> dict[str, float] | dict[str, dict[str, float]]:

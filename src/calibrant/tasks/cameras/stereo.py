@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 
 from calibrant.tasks.cameras.stereo_pictures import StereoPictures, pictures_of
 from calibrant.tasks.inputs import session
+from calibrant.tasks.inputs.bags.sharpest import refuse_beside_bag, taken_together
 from calibrant.tasks.inputs.by_partner import partner_notes
 from calibrant.tasks.inputs.by_side import SIDES, named_by_side, one_by_side, several_by_side
 from calibrant.tasks.inputs.marked import with_pair_marks, without_marked
 from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.bags import BagOptions
 from calibrant.tasks.options.choices import MODELS, PAIR_RULES
 from calibrant.tasks.options.images import CornerOptions, PairSearchOptions, PointsOptions
 from calibrant.tasks.options.option import Option
@@ -46,6 +48,7 @@ class Request:
     """Images of the left camera, folders or patterns."""
     right: Annotated[tuple[str, ...], Option("IMAGES", "-r")] = ()
     """Images of the right camera, folders or patterns."""
+    recording: BagOptions = BagOptions()
     target: Annotated[tuple[str, ...], Option("SPEC", "-t")] = ()
     """The board: chessboard:9x6:25mm (inner corners), charuco:5x7:36mm:18mm:DICT_6X6_250 (squares), or a file; for
     one camera, such as a thermal one that sees it inverted: right:SPEC."""
@@ -128,9 +131,22 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
 
 
 def _pictures(request: Request, listener: Listener) -> StereoPictures:
+    request.recording.check()
+    bag = None
+    if request.recording.bag is not None:
+        refuse_beside_bag(
+            **{
+                "--left": request.left,
+                "--right": request.right,
+                "--observations": request.points.observations,
+                "--times": request.times,
+            }
+        )
+        bag = taken_together(request.recording, names=SIDES)
     return pictures_of(
-        left=request.left,
-        right=request.right,
+        left=request.left if bag is None else bag.files["left"],
+        right=request.right if bag is None else bag.files["right"],
+        recorded=None if bag is None else bag.times,
         targets=one_by_side(request.target, option="--target"),
         observations=request.points.observations,
         rule=request.pairs,

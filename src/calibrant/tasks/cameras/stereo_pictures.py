@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 class StereoPictures:
     """sources: of each side, by name; or one file of points of both cameras (observations). rule: how images pair;
     mirrored: sides whose camera delivers mirror images; exclude: names of images whose pairs are left out; table: a
-    file of when each image was taken, by which they pair."""
+    file of when each image was taken, by which they pair; recorded: the same of
+    pictures in a bag."""
 
     sources: Mapping[str, Source]
     observations: Path | None
@@ -36,6 +37,7 @@ class StereoPictures:
     mirrored: tuple[str, ...]
     exclude: tuple[str, ...]
     table: Path | None = None
+    recorded: PictureTimes | None = None
 
     @cached_property
     def every_file(self) -> dict[str, list[Path]]:
@@ -61,7 +63,7 @@ class StereoPictures:
     @cached_property
     def times(self) -> PictureTimes | None:
         """What the table says. Raises: InputError as `read_picture_times`."""
-        return None if self.table is None else read_picture_times(self.table, self.every_file)
+        return self.recorded if self.table is None else read_picture_times(self.table, self.every_file)
 
     @property
     def paired(self) -> str:
@@ -137,6 +139,7 @@ def pictures_of(
     observations: Path | None,
     rule: str,
     table: Path | None,
+    recorded: PictureTimes | None = None,
     search: PairSearchOptions,
     corners: CornerOptions,
     listener: Listener,
@@ -169,4 +172,4 @@ def pictures_of(
         )
         for side in SIDES
     }
-    return StereoPictures(sources, None, rule, mirrored, exclude, table)
+    return StereoPictures(sources, None, rule, mirrored, exclude, table, recorded)

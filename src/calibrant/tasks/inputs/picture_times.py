@@ -235,7 +235,9 @@ def _numbers_of(files: Sequence[Path]) -> tuple[dict[Path, int], list[int]]:
     numbers = {file: int(digits[-1]) for file, digits in found.items()}
     if len(set(numbers.values())) < len(numbers):
         raise InputError("--times tells pictures by number, and two of a camera have the same; write file names there")
-    return numbers, sorted(numbers.values()) if videos[0] is None else list(range(source_of(videos[0]).frame_count(videos[0])))
+    return numbers, sorted(numbers.values()) if videos[0] is None else list(
+        range(source_of(videos[0]).frame_count(videos[0]))
+    )
 
 
 def _add(path: Path, out: dict[K, float], key: K, row: _Row) -> None:

@@ -59,14 +59,26 @@ def load_pose_solver(listener: Listener = SILENT) -> None:
 
 
 def file_records(files: Iterable[str | Path]) -> tuple[dict[str, str], ...]:
-    """Name and SHA-256 of every input file, so that a result says what it was made from."""
+    """Name and SHA-256 of every input file, of frames their recording's: a result says what it was made from."""
     records = []
-    for file in dict.fromkeys(str(f) for f in files):
+    for file in dict.fromkeys(str(f) for given in files for f in _behind(Path(given))):
         path = Path(file)
         if path.is_file():
             with open_file(path) as stream:
                 records.append({"file": file, "sha256": hashlib.file_digest(stream, "sha256").hexdigest()})
     return tuple(records)
+
+
+def _behind(file: Path) -> list[Path]:
+    """The files that a name stands for: a frame for its recording, a bag for the files it consists of."""
+    from calibrant.formats.bags.kinds import files_of, is_bag
+
+    if not file.exists():
+        from calibrant.detection.images.files import frame_of
+
+        frame = frame_of(file)
+        file = file if frame is None else frame[0]
+    return files_of(file) if is_bag(file) else [file]
 
 
 def detect_boards(

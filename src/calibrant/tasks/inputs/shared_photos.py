@@ -13,12 +13,15 @@ from calibrant.tasks.inputs import session
 def refuse_shared_photos(files: Mapping[str, Sequence[Path]], *, option: Callable[[str], str]) -> None:
     """Args: files of each list, those of one camera under its name; option: the option that named them.
 
-    Frames count as their video. Raises: InputError naming both files, before anything is searched.
+    Frames count as their video, those of a bag, which has several cameras', as themselves. Raises: InputError naming
+    both files, before anything is searched.
     """
     from calibrant.detection.images.files import frame_of
+    from calibrant.formats.bags.kinds import is_bag
 
     videos = {f: place[0] for listed in files.values() for f in listed if (place := frame_of(f)) is not None}
     files = {camera: list(dict.fromkeys(videos.get(f, f) for f in listed)) for camera, listed in files.items()}
+    files = {camera: [f for f in listed if not is_bag(f)] for camera, listed in files.items()}
     sizes = Counter(f.stat().st_size for listed in files.values() for f in listed)
     owner: dict[str, tuple[str, Path]] = {}
     for camera, listed in files.items():

@@ -60,7 +60,9 @@ class MovingBagOptions(BagOptions):
             return None
         base, colon, tool = self.tf.partition(":")
         if not (base.strip() and colon and tool.strip()):
-            raise InputError(f"--tf takes two frames, the robot's base and its flange, as base_link:tool0; got {self.tf!r}")
+            raise InputError(
+                f"--tf takes two frames, the robot's base and its flange, as base_link:tool0; got {self.tf!r}"
+            )
         return base.strip().lstrip("/"), tool.strip().lstrip("/")
 
 

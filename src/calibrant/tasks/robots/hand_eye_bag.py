@@ -61,7 +61,9 @@ def require_one_source(options: PosedBagOptions, *, images: Sequence[str], poses
             raise InputError(f"{option}: the bag has pictures and poses; give --bag FILE or {option}, not both")
 
 
-def read_bag(options: PosedBagOptions, common: ListRequest, target: str | None, cameras: Mapping[str, Path], setup: str) -> BagLists:
+def read_bag(
+    options: PosedBagOptions, common: ListRequest, target: str | None, cameras: Mapping[str, Path], setup: str
+) -> BagLists:
     """The bag's pictures and poses; on the move, with the offset of the clocks found first.
 
     Args: common: what all lists have in common; target, setup: of the only camera.
@@ -109,7 +111,9 @@ def _on_the_move(
 
 
 def _images(posed: PosedPictures) -> tuple[str, ...]:
-    return tuple(f"{name}={file}" if name != ONLY else str(file) for name, p in posed.pictures.items() for file in p.files)
+    return tuple(
+        f"{name}={file}" if name != ONLY else str(file) for name, p in posed.pictures.items() for file in p.files
+    )
 
 
 def poses_named(options: PosedBagOptions, poses: tuple[str, ...]) -> tuple[str, ...]:
@@ -139,5 +143,3 @@ def with_offset_error(result: CalibrationResult, later: CalibrationResult) -> Ca
         d = np.concatenate([moved[frame] for frame in joint.frames])
         joint = replace(joint, matrix=joint.matrix + np.outer(d, d))
     return replace(result, transforms=transforms, joint_covariance=joint)
-
-

@@ -8,10 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 
 from calibrant.errors import InputError
 from calibrant.tasks.inputs import session
+from calibrant.tasks.inputs.bags.topics import bag_files, cameras_of_bag, recorded_pictures
+from calibrant.tasks.inputs.sources import Source
 from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.bags import MovingBagOptions
+from calibrant.tasks.options.cameras import LensOptions
 from calibrant.tasks.options.choices import SETUPS
+from calibrant.tasks.options.images import SearchOptions
 from calibrant.tasks.options.option import Option
 from calibrant.tasks.options.robots import RobotOptions
+from calibrant.tasks.options.words import split_names
 from calibrant.tasks.outcome import Outcome
 
 if TYPE_CHECKING:
@@ -29,33 +35,64 @@ class Request:
 
     calibrant time-offset --poses robot.csv --target-poses camera.csv
 
-    Both files have a column of times. Correlates the angular speeds, then refines the offset together with the camera's
-    place, and says its sigma: t_robot = t_camera + offset.
+    Both files have a column of times; or a recording of ROS has both, the pictures of a board and the robot's poses:
+    --bag run.mcap --image-topic /camera/image_raw --tf base_link:tool0 --target chessboard:9x6:25mm.
+
+    Correlates the angular speeds, then refines the offset together with the camera's place, and says its sigma:
+    t_robot = t_camera + offset.
     """
 
-    poses: Annotated[Path, Option("FILE")]
+    poses: Annotated[Path | None, Option("FILE")] = None
     """Robot poses or joints with times."""
-    target_poses: Annotated[Path, Option("FILE")]
+    target_poses: Annotated[Path | None, Option("FILE")] = None
     """Poses of the target in the camera with times."""
+    recording: MovingBagOptions = MovingBagOptions()
+    target: Annotated[str | None, Option("SPEC", "-t")] = None
+    """With --bag: the board in its pictures, chessboard:9x6:25mm, charuco:5x7:36mm:18mm:DICT_6X6_250, or a file."""
+    camera: Annotated[Path | None, Option("FILE")] = None
+    """With --bag: the known camera (any format, or a camera_info topic); without it the pictures calibrate it."""
     setup: Annotated[str, Option("SETUP", choices=SETUPS[1:])] = "eye-in-hand"
     """eye-in-hand or eye-to-hand."""
     largest: Annotated[str, Option("TIME")] = "2s"
     """The offset is searched to either side, e.g. 2s or 500ms."""
     arm: RobotOptions = RobotOptions()
+    lens: LensOptions = LensOptions()
+    search: SearchOptions = SearchOptions()
 
 
 def reads(request: Request) -> list[Path | str]:
-    """Both recordings, and the robot's file."""
-    return [request.poses, request.target_poses, *request.arm.files]
+    """Both recordings, or the bag and its camera, and the robot's file."""
+    bag = [] if request.recording.bag is None else bag_files(request.recording.bag)
+    given = (request.poses, request.target_poses, request.camera)
+    return [*(f for f in given if f is not None), *bag, *request.arm.files]
 
 
 def run(request: Request, listener: Listener = SILENT) -> Outcome:
     """The offset with its sigma, and the camera's place. Raises: InputError; RefusedError as `estimate_time_offset`."""
-    from calibrant.calibrate.clocks.offset import estimate_time_offset
     from calibrant.data.verdicts import refuse_if_failed
+
+    reach = _seconds(request.largest)
+    request.recording.check()
+    if request.recording.bag is not None:
+        result = _of_bag(request, request.recording.bag, reach, listener)
+    else:
+        result = _of_files(request, reach, listener)
+    refuse_if_failed(result)
+    return Outcome(result=result)
+
+
+def _of_files(request: Request, reach: float, listener: Listener) -> CalibrationResult:
+    """From two files of poses with times. Raises: InputError where one of them is missing."""
+    from calibrant.calibrate.clocks.offset import estimate_time_offset
     from calibrant.formats.poses.timed import read_timed_poses
 
-    reach, arm = _seconds(request.largest), request.arm
+    for option, value in (("--target", request.target), ("--camera", request.camera)):
+        if value is not None:
+            raise InputError(f"{option} goes with the pictures of a bag: give it (--bag FILE)")
+    if request.poses is None or request.target_poses is None:
+        missing = "--poses" if request.poses is None else "--target-poses"
+        raise InputError(f"{missing} is missing: give --poses FILE and --target-poses FILE, or a recording, --bag FILE")
+    arm = request.arm
     moved = read_timed_poses(request.poses, robot=arm.chain(), joint_angle=arm.joint_angle, maker=arm.robot_format)
     seen = read_timed_poses(request.target_poses)
     session.load_solver(listener)
@@ -65,9 +102,37 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
         found = estimate_time_offset(
             moved.times - origin, moved.T, seen.times - origin, seen.T, setup=request.setup, largest=reach
         )
-    result = _time_offset_result(found, request, f"robot: {moved.description}; camera: {seen.description}")
-    refuse_if_failed(result)
-    return Outcome(result=result)
+    return _time_offset_result(found, request, f"robot: {moved.description}; camera: {seen.description}")
+
+
+def _of_bag(request: Request, bag: Path, reach: float, listener: Listener) -> CalibrationResult:
+    """From a bag's pictures of a board and the robot's motion in it."""
+    from calibrant.formats.cameras.read import read_camera
+    from calibrant.tasks.inputs.bags.clocks import clock_offset, seen_motion, thinned
+    from calibrant.tasks.inputs.bags.motion import robot_motion
+
+    for option, value in (("--poses", request.poses), ("--target-poses", request.target_poses)):
+        if value is not None:
+            raise InputError(f"{option}: the bag has both motions; give --bag FILE or {option}, not both")
+    with listener.status("Reading the bag …"):
+        every = recorded_pictures(request.recording)
+        if len(every) > 1:
+            raise InputError("time-offset is about one camera's clock: give one --image-topic")
+        recorded = thinned(next(iter(every.values())))
+        robot = robot_motion(request.recording, request.arm)
+    source = Source(
+        images=tuple(map(str, recorded.files)), target=request.target, search=request.search, listener=listener
+    )
+    found = source.read(source.files())
+    session.load_solver(listener)
+    size = next(iter(found.image_sizes.values()))
+    (place,) = cameras_of_bag(bag, () if request.camera is None else (str(request.camera),)) or (None,)
+    camera = None if place is None else read_camera(place, image_size=size)
+    with listener.status("Aligning …"):
+        seen = seen_motion(found, recorded, camera, request.lens.model, split_names(request.lens.fix))
+        offset, _ = clock_offset(robot, seen, setup=request.setup, largest=reach)
+    words = f"robot: {robot.words}; camera: {len(seen.times)} of {len(recorded.files)} pictures of {recorded.topic}"
+    return _time_offset_result(offset, request, words)
 
 
 def _seconds(text: str) -> float:

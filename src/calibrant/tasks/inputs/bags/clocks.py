@@ -41,7 +41,9 @@ def thinned(recorded: Recorded) -> Recorded:
     return recorded.only(range(0, n, max(1, every)))
 
 
-def seen_motion(found: Observations, recorded: Recorded, camera: Camera | None, model: str, fix: Sequence[str]) -> SeenMotion:
+def seen_motion(
+    found: Observations, recorded: Recorded, camera: Camera | None, model: str, fix: Sequence[str]
+) -> SeenMotion:
     """The board's motion in the camera. Without the camera its pictures calibrate it first.
 
     Raises: RefusedError where no picture shows enough of the board.
@@ -88,5 +90,3 @@ def clock_offset(robot: RobotMotion, seen: SeenMotion, *, setup: str, largest: f
     if not found:
         raise failures[0]
     return min(found, key=lambda pair: pair[0].misfit)
-
-

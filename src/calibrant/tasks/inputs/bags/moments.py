@@ -58,8 +58,8 @@ def still_pictures(robot: RobotMotion, recorded: Recorded, *, offset: float) -> 
     keep = [k for k, _, _ in kept]
     room = min(min(t[k] - a, b - t[k]) for k, a, b in kept)
     words = (
-        f"{len(keep)} still moments of {robot.words}, a picture of each, {1e3 * room:.0f} ms or more within its moment: "
-        "clocks that differ by less change nothing"
+        f"{len(keep)} still moments of {robot.words}, a picture of each, {1e3 * room:.0f} ms or more within its "
+        "moment: clocks that differ by less change nothing"
     )
     return StillPictures(recorded.only(keep), motion.at(t[keep]), words)
 
@@ -152,6 +152,6 @@ def _none_still(motion: Motion, stretches: Sequence[tuple[float, float]], seen: 
     found += f", of which {len(changing)} still change" if changing else ""
     return (
         f"the bag has no {FEWEST} still moments: {found}. Hold the robot at each pose for half a second "
-        f"({STILL_WINDOW_S:g} s is the least); or take pictures on the move (--moments moving), for which the offset of "
-        "the clocks is found"
+        f"({STILL_WINDOW_S:g} s is the least); or take pictures on the move (--moments moving), for which the offset "
+        "of the clocks is found"
     )

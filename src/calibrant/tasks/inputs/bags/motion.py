@@ -45,7 +45,11 @@ def robot_motion(options: MovingBagOptions, arm: RobotOptions) -> RobotMotion:
             return RobotMotion(Motion(joints.times, chain.forward(joints.q)), "joint values and --robot", joints)
         if frames is None:
             if not bag.of_kind(TRANSFORMS):
-                what = "joint values: give the robot, --robot FILE" if bag.of_kind(JOINTS) else "neither tf nor joint values"
+                what = (
+                    "joint values: give the robot, --robot FILE"
+                    if bag.of_kind(JOINTS)
+                    else "neither tf nor joint values"
+                )
                 raise InputError(f"bag {bag.path}: where are the robot's poses? It has no tf, and {what}")
             tree = read_tree(bag)
             best = tree.proposal()
@@ -65,8 +69,8 @@ def covered(robot: RobotMotion, seconds: Array, *, offset: float, what: str) -> 
         times = robot.motion.times
         raise InputError(
             f"no picture of {what} was taken while the robot's poses were recorded ({robot.words}): pictures from "
-            f"{seconds.min():.3f} s to {seconds.max():.3f} s, poses from {times[0]:.3f} s to {times[-1]:.3f} s since 1970. "
-            "Are the clocks set alike? Take the recorder's times for both (--stamps received), or give the offset "
-            "(--clock-offset)"
+            f"{seconds.min():.3f} s to {seconds.max():.3f} s, poses from {times[0]:.3f} s to {times[-1]:.3f} s since "
+            "1970. Are the clocks set alike? Take the recorder's times for both (--stamps received), or give the "
+            "offset (--clock-offset)"
         )
     return there

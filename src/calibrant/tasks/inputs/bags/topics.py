@@ -32,7 +32,10 @@ class Recorded:
     def only(self, keep: Sequence[int]) -> Recorded:
         """Some of them, by position."""
         return Recorded(
-            self.topic, tuple(self.entries[i] for i in keep), tuple(self.files[i] for i in keep), self.seconds[list(keep)]
+            self.topic,
+            tuple(self.entries[i] for i in keep),
+            tuple(self.files[i] for i in keep),
+            self.seconds[list(keep)],
         )
 
 
@@ -81,7 +84,8 @@ def _named_topics(bag: Path, asked: Sequence[str]) -> dict[str, str]:
     if not asked:
         if len(there) > 1:
             raise InputError(
-                f"bag {bag} has pictures of several cameras: {_counted(bag)}; say which: --image-topic {next(iter(there))}"
+                f"bag {bag} has pictures of several cameras: {_counted(bag)}; say which: --image-topic "
+                f"{next(iter(there))}"
             )
         (topic,) = there
         note(f"{bag}: the pictures are of {topic}, the only topic with some")

@@ -104,5 +104,5 @@ def _pixels(message: Any, kind: str, channels: int, where: str) -> NDArray[Any]:
         )
     rows = np.lib.stride_tricks.as_strided(np.ascontiguousarray(data), (height, row), (step, 1))
     out = np.ascontiguousarray(rows).view(dtype).reshape(height, width, channels)
-    out = out.astype(dtype.newbyteorder("="), copy=False)
+    out = out.astype(dtype.newbyteorder("="))  # a copy: a message is for reading only
     return out[..., 0] if channels == 1 else out

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from calibrant.cameras import Camera
 from calibrant.errors import InputError
 from calibrant.formats.bags.bag import CAMERA_INFO, opened
 from calibrant.formats.bags.kinds import is_bag
-from calibrant.formats.cameras.camera_format import Size
-from calibrant.formats.cameras.described import described_camera
 from calibrant.reading.notes import note
 
 
@@ -21,8 +18,8 @@ def topic_of(path: Path) -> tuple[Path, str] | None:
     return None if bag is None else (bag, "/" + path.relative_to(bag).as_posix())
 
 
-def read_camera_info(bag: Path, topic: str, image_size: Size | None) -> Camera:
-    """The camera of the first message under the topic.
+def camera_info_fields(bag: Path, topic: str) -> dict[str, object]:
+    """The first message under the topic, as the fields of a described camera.
 
     Raises: InputError for a topic that has none (those that do are listed), a camera that was never calibrated (K of
     zeros), or two cameras under one topic.
@@ -50,11 +47,10 @@ def read_camera_info(bag: Path, topic: str, image_size: Size | None) -> Camera:
     if first is None or not any(first[3]):
         raise InputError(f"{bag}{topic}: its K is zero: that camera was never calibrated; leave --camera out")
     width, height, model, k, d = first
-    fields = {
+    return {
         "image_width": width,
         "image_height": height,
         "distortion_model": model or "plumb_bob",
         "K": [float(v) for v in k],
         "D": [float(v) for v in d],
     }
-    return described_camera(fields, image_size, f"{bag}{topic}")

@@ -7,8 +7,9 @@ from pathlib import Path
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult
 from calibrant.errors import InputError
-from calibrant.formats.bags.camera_info import read_camera_info, topic_of
+from calibrant.formats.bags.camera_info import camera_info_fields, topic_of
 from calibrant.formats.cameras.camera_format import Size, size_or_refuse
+from calibrant.formats.cameras.described import described_camera
 from calibrant.formats.exchange.exchange_format import ReadOptions
 from calibrant.formats.exchange.read import read_any
 
@@ -23,7 +24,9 @@ def read_camera(path: str | Path, *, image_size: Size | None = None, name: str |
     """
     inside = topic_of(Path(path))
     if inside is not None:
-        return read_camera_info(*inside, image_size)
+        camera = described_camera(camera_info_fields(*inside), image_size, str(path))
+        size_or_refuse(camera.image_size, image_size)
+        return camera
     found = read_any(path, ReadOptions(image_size=image_size, camera=name, places=False))
     try:
         camera = _of_result(found, name)

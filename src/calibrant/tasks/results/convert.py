@@ -129,12 +129,12 @@ def _format(target: Path, to: str | None) -> ExchangeFormat:
         if form.write is None:
             raise InputError(f"{form.title} is read, not written")
         return form
-    if target.suffix.lower() == ".json":
-        return format_named(OWN)
     written = [f for f in map(format_named, FORMATS) if f.write is not None and f.name != OWN]
     fitting = [f for f in written if f.suffix and target.name.lower().endswith(f.suffix)]
     longest = max((len(f.suffix) for f in fitting), default=0)
     fitting = [f for f in fitting if len(f.suffix) == longest]
+    if target.suffix.lower() == ".json" and longest <= len(".json"):
+        return format_named(OWN)
     if len(fitting) == 1:
         return fitting[0]
     listed = ", ".join(f.name for f in fitting or written)

@@ -52,6 +52,15 @@ if TYPE_CHECKING:
     from calibrant.tasks.verbs import next_pose as next_pose
     from calibrant.tasks.verbs import point as point
     from calibrant.tasks.verbs import pose as pose
+    from calibrant.tasks.verbs import project_add as project_add
+    from calibrant.tasks.verbs import project_check as project_check
+    from calibrant.tasks.verbs import project_list as project_list
+    from calibrant.tasks.verbs import project_new as project_new
+    from calibrant.tasks.verbs import project_remove as project_remove
+    from calibrant.tasks.verbs import project_rename as project_rename
+    from calibrant.tasks.verbs import project_set as project_set
+    from calibrant.tasks.verbs import project_solve as project_solve
+    from calibrant.tasks.verbs import project_status as project_status
     from calibrant.tasks.verbs import projector_calibrate as projector_calibrate
     from calibrant.tasks.verbs import projector_patterns as projector_patterns
     from calibrant.tasks.verbs import rectify as rectify
@@ -114,6 +123,15 @@ _PUBLIC = {
     "parse_target": ("calibrant.targets.registry", "parse_target"),
     "point": ("calibrant.tasks.verbs", "point"),
     "pose": ("calibrant.tasks.verbs", "pose"),
+    "project_add": ("calibrant.tasks.verbs", "project_add"),
+    "project_check": ("calibrant.tasks.verbs", "project_check"),
+    "project_list": ("calibrant.tasks.verbs", "project_list"),
+    "project_new": ("calibrant.tasks.verbs", "project_new"),
+    "project_remove": ("calibrant.tasks.verbs", "project_remove"),
+    "project_rename": ("calibrant.tasks.verbs", "project_rename"),
+    "project_set": ("calibrant.tasks.verbs", "project_set"),
+    "project_solve": ("calibrant.tasks.verbs", "project_solve"),
+    "project_status": ("calibrant.tasks.verbs", "project_status"),
     "projector_calibrate": ("calibrant.tasks.verbs", "projector_calibrate"),
     "projector_patterns": ("calibrant.tasks.verbs", "projector_patterns"),
     "read": ("calibrant.data.result_file", "read_result"),

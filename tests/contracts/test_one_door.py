@@ -17,6 +17,8 @@ ALLOWED = {
     "data/result_file.py": "writes",
     "tasks/writing.py": "writes",
     "reports/page.py": "the package's own templates",
+    "formats/projects/lock.py": "a lock, in which who holds it stands",
+    "formats/projects/folder.py": "a folder's names brought onto the disk",
     "compiled.py": "the package's own code",
     "detection/cache.py": "the package's own code",
     "cli/completion.py": "the shell's script, which it has just written",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,6 +15,8 @@ from calibrant.tasks.registry import TASKS, Entry, Task
 
 if TYPE_CHECKING:
     from cyclopts import App
+
+_NEGATIVE = re.compile(r"-[.]?\d")
 
 
 class UsageError(InputError):
@@ -126,10 +129,29 @@ def _parameter(field: Field) -> inspect.Parameter:
     )
 
 
+def _joined_negatives(fields: Sequence[Field], arguments: Sequence[str]) -> list[str]:
+    """The arguments with numbers below zero joined to their option, --xyz -10mm,0mm,1mm to --xyz=-10mm,0mm,1mm: a word
+    that begins with a dash would be taken for an option."""
+    takes = {flag: f for f in fields for flag in (f.flag, f.option.short) if flag and f.inner is not bool}
+    out: list[str] = []
+    current = ""
+    for word in arguments:
+        if _NEGATIVE.match(word) and current and (out[-1] == current or takes[current].many):
+            if out[-1] == current:
+                out.pop()
+            out.append(f"{current}={word}")
+            continue
+        if word.startswith("-"):
+            current = word if word in takes else ""
+        out.append(word)
+    return out
+
+
 def ended_names(fields: Sequence[Field], arguments: Sequence[str]) -> list[str]:
     """The arguments with words that can be no parameter's name taken out of --fix and put in front of all:
     `--fix k3 photos/*.jpg` names photos."""
     names = {flag for f in fields if f.option.names for flag in (f.flag, f.option.short) if flag}
+    arguments = _joined_negatives(fields, arguments)
     front: list[str] = []
     rest: list[str] = []
     current, values = "", 0

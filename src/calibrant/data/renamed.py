@@ -1,15 +1,17 @@
-"""A result whose only camera gets a name of its own: the key under `cameras`, and its frame in every transform."""
+"""A result whose frames and cameras are called otherwise: the only camera by a name of its own, or any of them."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from calibrant.data.observations import DEFAULT_CAMERA
+from calibrant.data.observations import DEFAULT_CAMERA, Carried, View
 from calibrant.data.results import CalibrationResult
 from calibrant.errors import InputError
 
 _NAME = re.compile(r"[A-Za-z][\w-]*")
+_OF_A_LIST = ("camera", "robot", "target", "other")
 
 
 def with_camera_name(result: CalibrationResult, name: str) -> CalibrationResult:
@@ -18,9 +20,14 @@ def with_camera_name(result: CalibrationResult, name: str) -> CalibrationResult:
     taken = {frame for t in result.transforms for frame in (t.parent, t.child)} - {DEFAULT_CAMERA}
     if name in taken:
         raise InputError(f"the camera cannot be called {name}: a frame of the result has that name")
+    return with_names(result, {DEFAULT_CAMERA: name})
+
+
+def with_names(result: CalibrationResult, names: Mapping[str, str]) -> CalibrationResult:
+    """The result with other names for its cameras, targets, robots and frames: new names by old ones."""
 
     def named(frame: str) -> str:
-        return name if frame == DEFAULT_CAMERA else frame
+        return names.get(frame, frame)
 
     joint, seen, cell = result.joint_covariance, result.observations, result.cell
     return replace(
@@ -39,14 +46,24 @@ def with_camera_name(result: CalibrationResult, name: str) -> CalibrationResult:
         if seen is None
         else replace(
             seen,
-            views=tuple(replace(v, camera=named(v.camera)) for v in seen.views),
+            views=tuple(replace(v, camera=named(v.camera), carried=_carried(v, named)) for v in seen.views),
             image_sizes={named(c): size for c, size in seen.image_sizes.items()},
             missed=tuple(replace(m, camera=named(m.camera)) for m in seen.missed),
         ),
         cell=None
         if cell is None
-        else replace(cell, pictures=tuple(replace(p, camera=named(p.camera)) for p in cell.pictures)),
+        else replace(
+            cell,
+            pictures=tuple(replace(p, **{n: named(getattr(p, n)) for n in _OF_A_LIST}) for p in cell.pictures),
+            sigma_px={named(n): v for n, v in cell.sigma_px.items()},
+            sigma_robot={named(n): v for n, v in cell.sigma_robot.items()},
+            sigma_joint_deg={named(n): v for n, v in cell.sigma_joint_deg.items()},
+        ),
     )
+
+
+def _carried(view: View, named: Callable[[str], str]) -> Carried | None:
+    return None if view.carried is None else replace(view.carried, camera=named(view.carried.camera))
 
 
 def check_camera_name(name: str) -> str:

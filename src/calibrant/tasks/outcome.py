@@ -67,9 +67,11 @@ class Outcome:
     refusal: CalibrantError | None = None
 
     def noted(self, notes: Sequence[str]) -> Outcome:
-        """The outcome whose result says what readers said on the way."""
-        if self.result is None or not notes:
+        """The outcome whose result says what readers said on the way; where there is none, it warns of it."""
+        if not notes:
             return self
+        if self.result is None:
+            return replace(self, warnings=(*self.warnings, *notes))
         return replace(self, result=replace(self.result, notes=(*self.result.notes, *notes)))
 
     def text(self) -> str:

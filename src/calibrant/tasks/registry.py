@@ -86,6 +86,15 @@ TASKS = {
     "tool self-visibility": Entry(
         "robots.tool_self_visibility", "Where a hand camera sits, from one photo of the gripper it sees."
     ),
+    "project new": Entry("project.new", "Make a project, empty or from another program's.", ("json",), judged=False),
+    "project add": Entry("project.add", "Add a component or observations to a project.", ("json",), judged=False),
+    "project list": Entry("project.list", "List a project's components and where they are.", ("json",), judged=False),
+    "project set": Entry("project.set", "Type in where a component is; choose the world.", ("json",), judged=False),
+    "project rename": Entry("project.rename", "Give a component another name.", ("json",), judged=False),
+    "project remove": Entry("project.remove", "Remove a component or observations.", ("json",), judged=False),
+    "project solve": Entry("project.solve", "Solve what changed in a project.", ("json",), judged=False),
+    "project status": Entry("project.status", "Say what of a project is stale, and why.", ("json",), judged=False),
+    "project check": Entry("project.check", "Check that all is there that a project names.", ("json",), judged=False),
     "verify unchanged": Entry("verify.unchanged", "Is a calibration still good? One to three photos tell."),
 }
 """Every command by its words: "intrinsics", "tool touch"."""
@@ -93,6 +102,7 @@ GROUPS = {
     "tool": "Find a tool's tip, by touch or by sight, or a hand camera from the gripper it sees.",
     "verify": "Show whether a calibration holds.",
     "projector": "Calibrate a projector: the patterns it shows, and what a camera makes of them.",
+    "project": "A whole cell in a folder: components, observations, results, solved as one problem.",
     "study": "Experiments to learn from: what each method gives, and when it fails.",
 }
 """What each group of commands is about: the first word of those that have two."""

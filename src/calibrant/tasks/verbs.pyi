@@ -536,6 +536,87 @@ def tool_self_visibility(
     target: str | None = None,
     sigma_px: str = "0.5px",
 ) -> CalibrationResult: ...
+def project_new(
+    folder: str | Path = ".",
+    *,
+    from_: str | Path | None = None,
+    read_as: str | None = None,
+    image_size: str | None = None,
+    answer: Words = (),
+) -> CalibrationResult: ...
+def project_add(
+    kind: str,
+    name: str,
+    *,
+    project: str | Path = ".",
+    file: str | Path | None = None,
+    start: bool = False,
+    model: str = "",
+    fix: Words = (),
+    cameras: Words = (),
+    accuracy: str = "",
+    spec: str = "",
+    projector_size: str = "",
+    code: str = "gray",
+    period: str = "16px",
+    shifts: int = 8,
+    camera: str = "",
+    target: str = "",
+    projector: str = "",
+    robot: str = "",
+    setup: str = "",
+    images: Words = (),
+    captures: Words = (),
+    points: str | Path | None = None,
+    poses: Words = (),
+    robot_format: str = "",
+    mirror_x: bool = False,
+    exclude: Words = (),
+    more: bool = False,
+    pose_units: str = "auto",
+    pose_rotation: str = "auto",
+    pose_angle: str = "auto",
+    pose_direction: str = "auto",
+) -> CalibrationResult: ...
+def project_list(
+    *,
+    project: str | Path = ".",
+    relative_to: str | None = None,
+) -> CalibrationResult: ...
+def project_set(
+    name: str,
+    *,
+    project: str | Path = ".",
+    relative_to: str | None = None,
+    xyz: str | None = None,
+    ypr: str | None = None,
+    forget: bool = False,
+    world: bool = False,
+) -> CalibrationResult: ...
+def project_rename(
+    name: str,
+    to: str,
+    *,
+    project: str | Path = ".",
+) -> CalibrationResult: ...
+def project_remove(
+    name: str,
+    *,
+    project: str | Path = ".",
+) -> CalibrationResult: ...
+def project_solve(
+    *,
+    project: str | Path = ".",
+    again: bool = False,
+) -> CalibrationResult: ...
+def project_status(
+    *,
+    project: str | Path = ".",
+) -> CalibrationResult: ...
+def project_check(
+    *,
+    project: str | Path = ".",
+) -> CalibrationResult: ...
 def verify_unchanged(
     result: str | Path,
     *,

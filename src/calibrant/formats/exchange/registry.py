@@ -33,6 +33,7 @@ class Line:
 
 
 FORMATS: dict[str, Line] = {
+    "project": Line("projects.exchange", ("tree", "folder")),
     "calibrant": Line("cameras.calibrant_result"),
     "easycalib": Line("cameras.easycalib"),
     "easycalib-json": Line("cameras.easycalib", read=False, attribute="JSON_FORMAT"),

@@ -29,8 +29,8 @@ class Field:
 
     @property
     def flag(self) -> str:
-        """The option's name on a command line."""
-        return "--" + self.name.replace("_", "-")
+        """The option's name on a command line; a field whose name Python keeps for itself ends with a dash: from_."""
+        return "--" + self.name.rstrip("_").replace("_", "-")
 
     @property
     def required(self) -> bool:

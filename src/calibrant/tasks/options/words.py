@@ -1,8 +1,8 @@
-"""Values as people type them: names with commas, pixels and per cent with their units."""
+"""Values as people type them: names with commas, names with values, pixels and per cent with their units."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from calibrant.errors import InputError
 
@@ -24,3 +24,12 @@ def pixels(text: str | None, *, option: str) -> float | None:
     if not text.strip().endswith("px") or not 0 < value < float("inf"):
         raise InputError(f"{option} takes a length in pixels with its unit, such as 1.0px; got {text!r}")
     return value
+
+
+def by_name(option: str, pairs: tuple[str, ...]) -> Mapping[str, str]:
+    """NAME=VALUE by name. Raises: InputError for what is no pair."""
+    parts = [pair.partition("=") for pair in pairs]
+    bad = next((name for name, equals, _ in parts if not (name and equals)), None)
+    if bad is not None:
+        raise InputError(f"{option} takes NAME=VALUE, got {bad!r}")
+    return {name: value for name, _, value in parts}

@@ -84,6 +84,14 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     return Outcome(result=result)
 
 
+def seen_of(request: Request, listener: Listener = SILENT) -> Observations:
+    """What the camera and the projector of a request's captures see of the board. Raises: as `run`, before it
+    calibrates."""
+    sequence = request.patterns.sequence()
+    boards, missed = _boards(request, _folders(request), listener)
+    return _observations(request, boards, missed, sequence.projector_size)
+
+
 def _folders(request: Request) -> list[Path]:
     """The captures' folders, without those excluded. Raises: InputError."""
     from calibrant.targets.registry import parse_target

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from calibrant.errors import InputError
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.option import Option
+from calibrant.tasks.options.words import by_name
 from calibrant.tasks.outcome import Document, Outcome
 
 if TYPE_CHECKING:
@@ -41,15 +41,6 @@ class SaidOptions:
         from calibrant.targets.lengths import parse_length
 
         return None if self.unit is None else parse_length(f"1{self.unit}", what="--unit")
-
-
-def _by_name(option: str, pairs: tuple[str, ...]) -> Mapping[str, str]:
-    """NAME=VALUE by name. Raises: InputError for what is no pair."""
-    parts = [pair.partition("=") for pair in pairs]
-    bad = next((name for name, equals, _ in parts if not (name and equals)), None)
-    if bad is not None:
-        raise InputError(f"{option} takes NAME=VALUE, got {bad!r}")
-    return {name: value for name, _, value in parts}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,7 +101,7 @@ def _read(request: Request) -> CalibrationResult:
         image_size=None if said.image_size is None else size_of(said.image_size),
         unit_m=said.unit_m,
         camera=request.camera,
-        answers=_by_name("--answer", said.answer),
+        answers=by_name("--answer", said.answer),
     )
     found = read_any(request.source, options, form=request.read_as)
     if request.camera is None or len(found.cameras) == 1:
@@ -197,7 +188,7 @@ def _write_options(request: Request, target: Path, form: ExchangeFormat) -> Writ
             raise InputError(f"--transform takes PARENT:CHILD, got {request.transform!r}")
         pair = (parent, child)
     said = request.said
-    chosen = form.known_answers(_by_name("--choose", said.choose), option="--choose")
+    chosen = form.known_answers(by_name("--choose", said.choose), option="--choose")
     return WriteOptions(transform=pair, unit_m=said.unit_m, stem=target.name.partition(".")[0], answers=chosen)
 
 

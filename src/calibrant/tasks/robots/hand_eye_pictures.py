@@ -176,7 +176,7 @@ def _read_one(names: Names, common: ListRequest, camera: str, robot: str, *, joi
     with common.listener.status("Examining the data …" if names.plain else f"Examining the data of {words} …"):
         diagnosis = hand_eye_list.diagnose(data, alone)
     require_sound(diagnosis)
-    moments = _moments(data) if joined else {i: i for i in data.complete[0].ids}
+    moments = moments_of(data) if joined else {i: i for i in data.complete[0].ids}
     notation = diagnosis.poses.notation
     pictures = None
     if data.observations is not None:
@@ -250,7 +250,7 @@ def _read_between(names: Names, common: ListRequest, camera: str, robots: str, k
     if own.observations is None or others.observations is None:
         raise InputError(f"--images {camera}@{robots}=…: no photos were read")
     first, second = (_only_notation(name, d, known) for name, d in ((robot, own), (other, others)))
-    ids, other_ids = _moments(own), _moments(others)
+    ids, other_ids = moments_of(own), moments_of(others)
     # One word for a moment of both robots: the poses' common name, else the photo's.
     moments = {i: n if other_ids.get(i) == n else f"{camera} {i}" for i, n in ids.items()}
     views = tuple(replace(v, moment=moments[v.id]) for v in own.observations.views if v.id in moments)
@@ -299,7 +299,7 @@ def _standing(alone: ListRequest) -> tuple[Observations, Camera | None, tuple[st
     return observations, camera, tuple(source.inputs(files))
 
 
-def _moments(data: PairedData) -> dict[str, str]:
+def moments_of(data: PairedData) -> dict[str, str]:
     """The pose file's own name (or number) of each photo's pose: the same for all cameras."""
     raw = data.raw
     names = raw.names if raw is not None and raw.names is not None else None

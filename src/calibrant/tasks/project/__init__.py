@@ -1,0 +1,1 @@
+"""Projects: a cell's components, observations and results in a folder, edited and solved by commands."""

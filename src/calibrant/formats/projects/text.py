@@ -87,7 +87,7 @@ def _check_format(said: Any) -> None:
     if int(number) > NUMBER:
         raise InputError(
             f"its format is {MARK}/{number}, of a newer calibrant; this one reads up to {MARK}/{NUMBER}. Update it: "
-            "pip install --upgrade calibrant"
+            "pip install -U calibrant"
         )
 
 

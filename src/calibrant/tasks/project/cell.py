@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from calibrant.calibrate.cell.problem.layout import Pictures
     from calibrant.cameras import Camera
     from calibrant.data import CalibrationResult, Missed, Observations, RobotPoses, View
-    from calibrant.formats.projects.records import Project
+    from calibrant.formats.projects.records import Project, Seen
     from calibrant.tasks.project.parts import Part
 
 V = TypeVar("V")
@@ -152,38 +152,10 @@ def _at_robot(
     listener: Listener,
 ) -> ReadList:
     """Observations paired with the robot's poses, and examined as `hand-eye` does."""
-    from calibrant.formats.poses.pairing import match_raw
-    from calibrant.formats.poses.read import every_notation, read_poses
-
-    seen, component = project.observations[name], project.components[project.observations[name].camera]
-    mine = found.of_camera(_OWN[0])
-    notation = seen.notation
-    files = [str(folder / p) for p in seen.poses]
-    request = ListRequest(
-        poses=tuple(files),
-        setup=seen.setup,
-        form=PoseOptions(
-            pose_units=notation.units, pose_rotation=notation.rotation, pose_angle=notation.angle,
-            pose_direction=notation.direction,
-        ),
-        arm=RobotOptions(robot_format=notation.maker or None),
-        lens=LensOptions(model=component.model or project.options.model, fix=component.fix or project.options.fix),
-        listener=listener,
-    )  # fmt: skip
+    seen = project.observations[name]
+    request = _list_request(folder, project, seen, listener)
     try:
-        raw = read_poses(
-            files, units=notation.units, rotation=notation.rotation, angle=notation.angle,
-            direction=notation.direction, maker=notation.maker or None,
-        )  # fmt: skip
-        every: list[View | Missed] = [*mine.views, *mine.missed]
-        ids = [v.id for v in every]
-        pairing = match_raw(raw, ids)
-        mine = replace(mine, views=tuple(replace(v, moment=v.id) for v in mine.views))
-        complete = tuple(r.take(pairing.pose_index, [ids[v] for v in pairing.view_index]) for r in every_notation(raw))
-        data = PairedData(
-            complete, pairing.message, tuple(files), mine, lenses.get(seen.camera), raw=raw,
-            pose_index=tuple(pairing.pose_index),
-        )  # fmt: skip
+        data = _paired(request, found.of_camera(_OWN[0]), lenses.get(seen.camera))
         with listener.status(f"Examining the data of {name} …"):
             diagnosis = hand_eye_list.diagnose(data, request)
         require_sound(diagnosis)
@@ -202,9 +174,40 @@ def _at_robot(
         data=data,
         diagnosis=diagnosis,
         pairings={"": data.pairing},
-        raw=raw,
+        raw=data.raw,
         notation=diagnosis.poses.decision.notation.description,
     )
+
+
+def _list_request(folder: Path, project: Project, seen: Seen, listener: Listener) -> ListRequest:
+    """The options of `hand-eye` for these observations."""
+    component, said = project.components[seen.camera], seen.notation
+    return ListRequest(
+        poses=tuple(str(folder / p) for p in seen.poses),
+        setup=seen.setup,
+        form=PoseOptions(
+            pose_units=said.units, pose_rotation=said.rotation, pose_angle=said.angle, pose_direction=said.direction
+        ),
+        arm=RobotOptions(robot_format=said.maker or None),
+        lens=LensOptions(model=component.model or project.options.model, fix=component.fix or project.options.fix),
+        listener=listener,
+    )
+
+
+def _paired(request: ListRequest, mine: Observations, lens: Camera | None) -> PairedData:
+    """Views and poses that belong together, by name or by order. Raises: InputError."""
+    from calibrant.formats.poses.pairing import match_raw
+    from calibrant.formats.poses.read import every_notation
+
+    raw = request.form.read(request.poses, request.arm)
+    every: list[View | Missed] = [*mine.views, *mine.missed]
+    ids = [v.id for v in every]
+    pairing = match_raw(raw, ids)
+    mine = replace(mine, views=tuple(replace(v, moment=v.id) for v in mine.views))
+    names = [ids[v] for v in pairing.view_index]
+    complete = tuple(r.take(pairing.pose_index, names) for r in every_notation(raw))
+    index = tuple(pairing.pose_index)
+    return PairedData(complete, pairing.message, request.poses, mine, lens, raw=raw, pose_index=index)
 
 
 def _of_robot(project: Project, read: Mapping[str, ReadList], robot: str) -> list[ReadList]:

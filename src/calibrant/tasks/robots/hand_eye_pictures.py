@@ -211,7 +211,7 @@ def _few_at_moments(words: str, camera: str, data: PairedData, seen: Observation
             f"target: say it with --setup {camera}=eye-in-hand or {camera}=eye-to-hand, and other cameras of the cell "
             "tell where the target is; or add photos at other poses, 10 to 20"
         )
-    moments = _moments(data)
+    moments = moments_of(data)
     return replace(seen, views=tuple(replace(v, moment=moments[v.id]) for v in seen.views))
 
 
@@ -220,7 +220,7 @@ def _read_as_others(part: ReadList, lists: Sequence[ReadList]) -> ReadList:
     if part.data is None or part.pictures is None:
         return part
     notation = _only_notation(part.pictures.robot, part.data, lists, why="so few photos")
-    moments, poses = _moments(part.data), notation.poses
+    moments, poses = moments_of(part.data), notation.poses
     at = {moments[i]: T for i, T in zip(poses.ids, poses.T_base_gripper)}
     return replace(part, poses=at, notation=notation.description)
 

@@ -78,11 +78,18 @@ def _aligned(points: Array) -> Array:
     return se3.make(R, points.mean(axis=0) - R @ BOX.mean(axis=0))
 
 
+def _gain(off: dict[str, list[Array]], rows: slice) -> float:
+    """RMS of poses' errors (6,) with the structure over that without."""
+    a, b = (np.sqrt(np.mean(np.array(off[name])[:, rows] ** 2)) for name in ("with", "without"))
+    return float(a / b)
+
+
 @pytest.mark.statistics
 def test_right_angles_lower_the_pose_error_and_sigma_says_so() -> None:
     """80 noisy boxes, with the structure and with planes alone."""
     rng = np.random.default_rng(2)
     off: dict[str, list[Array]] = {"with": [], "without": [], "raw": []}
+    stated: dict[str, list[Array]] = {"with": [], "without": []}
     scores: dict[str, list[float]] = {"with": [], "without": []}
     points = {"with": 0.0, "raw": 0.0}
     for _ in range(80):
@@ -92,18 +99,25 @@ def test_right_angles_lower_the_pose_error_and_sigma_says_so() -> None:
             found = reconstruct(raw, structure, calibration=EYES.covariance)
             error, C = _errors(found)
             off[name].append(error)
+            stated[name].append(np.diag(C))
             scores[name].append(float(error @ np.linalg.solve(C, error)) / 6)
         off["raw"].append(se3.local(_aligned(raw.points), T_TRUE))
         structured = reconstruct(raw, STRUCTURE, calibration=EYES.covariance)
         points["with"] += float(np.mean((structured.points - se3.apply(T_TRUE, BOX)) ** 2))
         points["raw"] += float(np.mean((raw.points - se3.apply(T_TRUE, BOX)) ** 2))
-    turns = {name: np.sqrt(np.mean(np.array(v)[:, :3] ** 2)) for name, v in off.items()}
-    places = {name: np.sqrt(np.mean(np.array(v)[:, 3:] ** 2)) for name, v in off.items()}
-    # The nearest rotation to three free normals spreads their errors already: right angles take a quarter off.
-    assert turns["with"] < 0.85 * turns["without"]
-    assert places["with"] < 0.95 * places["without"]
+    # The nearest rotation to three free normals spreads their errors already, so that right angles take a quarter off
+    # the turn (0.77 by the covariances) and more than a half off the place (0.46): what they say is what is seen.
+    turns, places = (_gain(off, rows) for rows in (slice(0, 3), slice(3, 6)))
+    sigma_turns, sigma_places = (
+        _gain({n: [np.sqrt(v) for v in stated[n]] for n in stated}, rows) for rows in (slice(0, 3), slice(3, 6))
+    )
+    # Of 240 errors each way: a sigma of 6 %, less what the two have in common.
+    assert turns == pytest.approx(sigma_turns, rel=0.12)
+    assert places == pytest.approx(sigma_places, rel=0.12)
+    assert turns < 0.8
+    assert places < 0.55
     raw_turns = np.sqrt(np.mean([np.sum(e[:3] ** 2) for e in off["raw"]]) / 3)
-    assert turns["with"] < 0.6 * raw_turns
+    assert np.sqrt(np.mean([e[:3] ** 2 for e in off["with"]])) < 0.6 * raw_turns
     assert points["with"] < 0.25 * points["raw"]
     # The mean of 80 chi-squares of 6 degrees of freedom over 6 has a sigma of 6 %.
     assert np.mean(scores["with"]) == pytest.approx(1, abs=0.2)

@@ -57,7 +57,7 @@ TASKS = {
     "stereo": Entry("cameras.stereo", "Calibrate two cameras that are fixed to each other."),
     "rig": Entry("cameras.rig", "Calibrate any number of cameras that are fixed to each other."),
     "hand-eye": Entry("robots.hand_eye", "Find where the camera is, on a robot or beside it."),
-    "doctor": Entry("robots.doctor", "Find what is wrong with hand-eye data, and repair it."),
+    "doctor": Entry("robots.doctor", "Find what is wrong with hand-eye or stereo data, and repair it."),
     "pose": Entry("cameras.pose", "Find where a target is, from photos."),
     "vanishing": Entry("cameras.vanishing", "Find how a camera is turned, from a scene's edges."),
     "undistort": Entry("cameras.undistort", "Undistort photos.", ("json",), judged=False),

@@ -195,7 +195,10 @@ def hand_eye(
 ) -> CalibrationResult: ...
 def doctor(
     *,
-    poses: Words,
+    poses: Words = (),
+    left: Words = (),
+    right: Words = (),
+    pairs: str = "auto",
     images: Words = (),
     target: str | None = None,
     observations: str | Path | None = None,

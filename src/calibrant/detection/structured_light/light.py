@@ -97,7 +97,9 @@ def _noise(mean: Picture, variance: Picture) -> Picture:
         a, b = (typical or [LEAST_SIGMA**2])[0], 0.0
     else:
         b, a = np.polyfit(level, typical, 1)
-        a, b = (a, b) if b > 0 else (float(np.mean(typical)), 0.0)
+        if b < 0:  # a tone curve makes the dark noisiest: no line, but the classes themselves
+            variance = np.interp(mean, level, typical)
+            return np.sqrt(np.maximum(variance, LEAST_SIGMA**2)).astype(np.float32)
     return np.sqrt(np.maximum(a + b * mean, LEAST_SIGMA**2)).astype(np.float32)
 
 

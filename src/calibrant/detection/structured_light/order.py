@@ -14,10 +14,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibrant.arrays import Mask
+from calibrant.arrays import Array, Mask
 from calibrant.detection.structured_light.bit_order import check_bits
 from calibrant.detection.structured_light.capture import Capture, Grey, Picture
 from calibrant.detection.structured_light.light import cosine_sums
+from calibrant.detection.structured_light.tone import ENOUGH_DIM, adds_up, curved_words, dim, saturated_words
 from calibrant.errors import InputError
 from calibrant.patterns.sequence import BLACK, WHITE, PatternSequence, sizes_of_count
 
@@ -159,9 +160,7 @@ def _white_and_black(capture: Capture) -> Capture:
 
 def _miss(one: Picture, other: Picture, white: Picture, black: Picture, lit: Mask) -> float:
     """How far a pair's sum is from white + black, of the light, where it is farthest but for a quarter."""
-    light = (white - black)[lit]
-    off = np.abs(one.astype(np.float32)[lit] + other[lit] - white[lit] - black[lit]) / light
-    return float(np.quantile(off, 0.75))
+    return float(np.quantile(np.abs(adds_up(one, other, white, black, lit)), 0.75))
 
 
 def _check_pairs(capture: Capture, lit: Mask) -> None:
@@ -169,8 +168,10 @@ def _check_pairs(capture: Capture, lit: Mask) -> None:
     bits = 2 * (capture.sequence.bits("x") + capture.sequence.bits("y"))
     small = np.s_[::2, ::2]
     for k in range(0, bits, 2):
-        if _miss(capture.pictures[k], capture.pictures[k + 1], white, black, lit) <= NO_PAIR:
+        off = adds_up(capture.pictures[k], capture.pictures[k + 1], white, black, lit)
+        if float(np.quantile(np.abs(off), 0.75)) <= NO_PAIR:
             continue
+        _refuse_bent_light(capture, off, white, black, lit, bits)
         misses = [
             _miss(capture.pictures[k][small], capture.pictures[j][small], white[small], black[small], lit[small])
             if j != k
@@ -183,6 +184,19 @@ def _check_pairs(capture: Capture, lit: Mask) -> None:
             f"{capture.name}: {capture.called(k + 1)} is not the inverse of {capture.called(k)}{hint}. The pictures "
             "are out of order, one is missing or doubled, or something moved while they were taken"
         )
+
+
+def _refuse_bent_light(capture: Capture, off: Array, white: Picture, black: Picture, lit: Mask, bits: int) -> None:
+    """Raises: InputError where pictures that are in order do not add up: saturated ones, or bent by a tone curve."""
+    said = saturated_words(white, lit, np.abs(off) > NO_PAIR)
+    faint = dim(white, black)
+    if said and faint.sum() >= ENOUGH_DIM:
+        # What is not saturated tells whether the order is right.
+        pairs = ((capture.pictures[k], capture.pictures[k + 1]) for k in range(0, bits, 2))
+        said = said if all(_miss(a, b, white, black, faint) <= NO_PAIR for a, b in pairs) else ""
+    said = said or curved_words(off)
+    if said:
+        raise InputError(f"{capture.name}: {said}")
 
 
 def _check_cosines(capture: Capture, lit: Mask) -> None:
@@ -199,6 +213,9 @@ def _check_cosines(capture: Capture, lit: Mask) -> None:
                 left += (shots[k] - mean - 2 / n * (c * np.cos(turn[k]) + s * np.sin(turn[k]))) ** 2
             part = np.sqrt(left / (n - 3))[lit] / np.maximum(2 / n * np.hypot(c, s)[lit], 1.0)
             if float(np.median(part)) > NO_COSINE:
+                said = saturated_words(capture.white, lit, part > NO_COSINE)
+                if said:
+                    raise InputError(f"{capture.name}: {said}")
                 first = capture.place("shift", axis, 0, period)
                 raise InputError(
                     f"{capture.name}: {capture.called(first)} to {capture.called(first + n - 1)} are no shifted cosine "

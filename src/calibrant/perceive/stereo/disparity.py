@@ -61,8 +61,8 @@ CHI2_1_MEDIAN = 0.4549
 CREASE = 16.8
 """Square of what the refinement errs by at a crease over that of what smoothing leaves out, summed across it."""
 _BENDS = 8.0
-"""Times the usual variance of a window's disparities about a plane, from which it holds an edge or a bend: of a few
-independent values it is that large once in some hundred windows."""
+"""Times the usual variance of a window's disparities about a plane, from which it holds an edge or a bend: noise alone,
+on the gradients of three textures, stays below 5 in 999 of 1000 windows; from 8 on most is the surface's."""
 _NEAR = 5
 """Side of a window, px, over which what smoothing leaves out at a crease is a tenth of its height and more."""
 _SURE = 3.0

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from calibrant.errors import InputError
+from calibrant.tasks.options.choices import PAIR_RULES
 from calibrant.tasks.options.option import Option
 from calibrant.tasks.options.words import pixels
 
@@ -32,6 +33,24 @@ class NamedPhotoOptions:
     """Photos, folders or patterns."""
     target: Annotated[str | None, Option("SPEC", "-t")] = None
     """The board: chessboard:9x6:25mm (inner corners), charuco:5x7:36mm:18mm:DICT_6X6_250 (squares), or a file."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairPhotoOptions:
+    """Photos of two cameras that are fixed to each other."""
+
+    left: Annotated[tuple[str, ...], Option("IMAGES", "-l")] = ()
+    """Images of the left one of two cameras, folders or patterns."""
+    right: Annotated[tuple[str, ...], Option("IMAGES", "-r")] = ()
+    """Images of the right one of two cameras."""
+    pairs: Annotated[str, Option("RULE", choices=PAIR_RULES)] = "auto"
+    """What belongs together: by name (left01 and right01, or equal names in two folders), by the time stamps in the
+    names, by order; auto: the first of these that fits."""
+
+    @property
+    def asked(self) -> bool:
+        """Whether any are given."""
+        return bool(self.left or self.right)
 
 
 @dataclass(frozen=True, kw_only=True)

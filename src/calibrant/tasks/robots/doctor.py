@@ -1,4 +1,4 @@
-"""Find what is wrong with hand-eye data; with `apply`, calibrate from the repaired data."""
+"""Find what is wrong with hand-eye data or a stereo pair's; with `apply`, calibrate from the repaired data."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from calibrant.tasks.inputs import session
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.cameras import KnownCameraOptions, LensOptions
 from calibrant.tasks.options.choices import SETUPS
-from calibrant.tasks.options.images import NamedPhotoOptions, PointsOptions, SearchOptions
+from calibrant.tasks.options.images import NamedPhotoOptions, PairPhotoOptions, PointsOptions, SearchOptions
 from calibrant.tasks.options.option import Option
 from calibrant.tasks.options.poses import PoseOptions, TargetPoseOptions
 from calibrant.tasks.options.robots import RobotOptions
 from calibrant.tasks.options.words import split_names
 from calibrant.tasks.outcome import Document, NextStep, Outcome
-from calibrant.tasks.robots import hand_eye_list
+from calibrant.tasks.robots import hand_eye_list, pair_doctor
 from calibrant.tasks.robots.hand_eye_list import ListRequest, PairedData
 
 if TYPE_CHECKING:
@@ -33,17 +33,20 @@ EXAMPLE = 'cb.doctor(images="photos/*.png", poses="poses.csv", target="chessboar
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """Find what is wrong with hand-eye data: how poses are written, pairing, flipped boards, size, motion.
+    """Find what is wrong with hand-eye data (how poses are written, pairing, flipped boards, size, motion) or with the
+    pictures of two cameras (pairing, sides, mirror images, exchanged cameras, other cameras' pictures).
 
     calibrant doctor --images photos/*.png --poses poses.csv --target chessboard:9x6:25mm
+    calibrant doctor --left photos/left*.jpg --right photos/right*.jpg --target chessboard:9x6:25mm
 
     Proposes a repair for each fault and shows how the loop closes before and after it. Nothing is changed: --apply
     calibrates from the repaired data and writes new files. Exit status 1 while a fault stands, or a warning that a
     repair is proposed for.
     """
 
-    poses: Annotated[tuple[str, ...], Option("FILES")]
+    poses: Annotated[tuple[str, ...], Option("FILES")] = ()
     """File of robot poses, or one file a pose."""
+    pair: PairPhotoOptions = PairPhotoOptions()
     photos: NamedPhotoOptions = NamedPhotoOptions()
     points: PointsOptions = PointsOptions()
     measured: TargetPoseOptions = TargetPoseOptions()
@@ -62,6 +65,8 @@ class Request:
 
 def reads(request: Request) -> list[str]:
     """Every file that is named, and the photos that patterns stand for."""
+    if request.pair.asked:
+        return [str(f) for f in pair_doctor.pictures(_pair_request(request, SILENT)).inputs]
     return hand_eye_list.named_files(_list_request(request, SILENT))
 
 
@@ -76,6 +81,10 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
 
     if request.repaired_poses is not None and not request.apply:
         raise InputError("--repaired-poses goes with --apply: without it nothing is repaired")
+    if request.pair.asked:
+        return pair_doctor.run(_pair_request(request, listener))
+    if not request.poses:
+        raise InputError("--poses is missing: name the robot poses, or --left and --right, the pictures of two cameras")
     asked = _list_request(request, listener)
     data = hand_eye_list.read(asked)
     with listener.status("Examining the data …"):
@@ -94,6 +103,29 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
         documents.append(Document(request.repaired_poses, csv_text(diagnosis.repaired.poses).encode()))
     # The page shows what was found, also where it was repaired.
     return Outcome(result=result, documents=documents, summary=lambda: (seen, "", result), page=partial(_page, seen))
+
+
+def _pair_request(request: Request, listener: Listener) -> pair_doctor.PairRequest:
+    """Raises: InputError for options that are of hand-eye data alone."""
+    given = {
+        "--poses": request.poses,
+        "--images": request.photos.images,
+        "--observations": request.points.observations,
+        "--target-poses": request.measured.target_poses,
+        "--camera": request.known.camera,
+        "--repaired-poses": request.repaired_poses,
+    }
+    wrong = [option for option, value in given.items() if value]
+    if wrong:
+        raise InputError(f"--left and --right are a stereo pair's pictures: leave out {', '.join(wrong)}")
+    return pair_doctor.PairRequest(
+        pair=request.pair,
+        target=request.photos.target,
+        search=request.search,
+        model=request.lens.model,
+        apply=request.apply,
+        listener=listener,
+    )
 
 
 def _list_request(request: Request, listener: Listener) -> ListRequest:

@@ -26,6 +26,7 @@ from calibrant.calibrate.cell.moments.sightings import (
 from calibrant.calibrate.cell.moments.swept import swept
 from calibrant.calibrate.cell.problem.camera_role import CameraRole
 from calibrant.calibrate.cell.problem.views import HandEyeViews
+from calibrant.calibrate.cell.starts.medoid import robust_mean
 from calibrant.geometry import se3
 from calibrant.optimize.chances import CHI2_6_LIMIT, CHI2_6_MEDIAN
 
@@ -36,6 +37,8 @@ LEAST = 3
 PAIRED = 0.25
 """Scatter of pairs over that of any views: views that have nothing to do with each other come to about one, half of
 them that do to a quarter at most."""
+_TRIED = 60
+"""Places that are tried as the one that most agree on."""
 PairKey = tuple[str, tuple[Sighting, ...]]
 PairErrors = tuple[Array, Array]
 """C and L of a camera's sightings (`sightings.pose_errors`)."""
@@ -140,3 +143,17 @@ def _are_pairs(found: PairPoses) -> bool:
         return False
     mixed = found.take(range(n), np.roll(np.arange(n), n // 2))
     return scatter(found.D) < PAIRED * scatter(mixed.D)
+
+
+def agreed_place(found: PairPoses) -> Array:
+    """The place (4, 4) that the most pairs agree on, also where less than half of them do.
+
+    Each pair's own place is tried; of as many that agree the one about which they lie closest. What they have in common
+    of their lenses' errors moves all alike and is no part of how close they must be to each other.
+    """
+    D = found.D
+    tried = range(0, len(D), max(1, len(D) // _TRIED))
+    limit = found.freedom * (NOISIER**2 - 1)
+    ways = [np.sqrt(off(found, D[k]) / limit) for k in tried]
+    best = min(ways, key=lambda way: (-int((way <= 1).sum()), float(np.sum(np.minimum(way, 1)))))
+    return np.asarray(se3.mean(D[best <= 1])) if (best <= 1).sum() > 1 else robust_mean(D)

@@ -55,12 +55,21 @@ def made_kinds() -> set[str]:
     """The kind, written out, of every result that is made in the package; both of a choice."""
     found = set()
     for file in PACKAGE.rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        constants = {
+            target.id: statement.value
+            for statement in tree.body
+            if isinstance(statement, ast.Assign)
+            for target in statement.targets
+            if isinstance(target, ast.Name)
+        }
+        for node in ast.walk(tree):
             name = getattr(node.func, "id", "") if isinstance(node, ast.Call) else ""
             if isinstance(node, ast.Call) and name in ("CalibrationResult", "replace"):
                 first = node.args[:1] if name == "CalibrationResult" else []
                 given = [*first, *(k.value for k in node.keywords if k.arg == "kind")]
                 given += [n for a in given if isinstance(a, ast.IfExp) for n in (a.body, a.orelse)]
+                given += [constants[a.id] for a in given if isinstance(a, ast.Name) and a.id in constants]
                 found |= {a.value for a in given if isinstance(a, ast.Constant)}
     return found
 

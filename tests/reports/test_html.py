@@ -88,9 +88,14 @@ def test_the_page_is_well_formed_and_fetches_nothing(pages: dict[str, str], kind
 
 
 def test_the_sections_of_each_kind(pages: dict[str, str]) -> None:
-    every = ["Result", "Checks", "In space", "Views", "Residuals", "Coverage", "Options and inputs"]
-    assert _outline(pages["intrinsics"]).headings == ["Camera calibration", *every]
-    assert _outline(pages["eye-to-hand"]).headings == ["Hand-eye calibration", *every[:2], "Methods", *every[2:]]
+    seen = ["In space", "Views", "Residuals", "Residuals and the noise model", "Coverage"]
+    lens = ["How well the lens is known over the image"]
+    moved = ["Influence of each view", "Views that move the result most"]
+    end = ["Options and inputs", "How to reproduce it"]
+    mine = ["Camera calibration", "Result", "Checks", *seen, *lens, *moved, *end]
+    assert _outline(pages["intrinsics"]).headings == mine
+    arm = ["Hand-eye calibration", "Result", "Checks", "Methods", *seen, *lens, *moved, *end]
+    assert _outline(pages["eye-to-hand"]).headings == arm
 
 
 def test_the_matrix_can_be_copied_as_python_and_json_read_it(
@@ -171,7 +176,7 @@ def test_a_result_with_nothing_but_a_reason() -> None:
     page = report_page(CalibrationResult("hand-eye", "refused", checks=(check,)))
     assert "DO NOT USE" in page
     assert "All rotations are about one axis" in page
-    assert _outline(page).headings == ["Hand-eye calibration", "Checks", "Options and inputs"]
+    assert _outline(page).headings == ["Hand-eye calibration", "Checks", "Options and inputs", "How to reproduce it"]
 
 
 def test_text_of_users_is_escaped(intrinsics_result: CalibrationResult) -> None:

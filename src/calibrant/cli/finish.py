@@ -63,7 +63,7 @@ def explained(error: RefusedError, call: Call) -> RefusedError:
     if report is None:
         return error
     refused = error.result if isinstance(error.result, CalibrationResult) else _bare(error, call)
-    page = Document(report, partial(_page, _seen(with_misses(refused))))
+    page = Document(report, partial(_page, _seen(with_misses(refused)), report))
     write_documents([page], force=call.outputs.force)
     told = RefusedError(f"{error}\ncalibrant: {report} shows the refused calibration")
     told.result = error.result
@@ -109,7 +109,7 @@ def _documents(outcome: Outcome, call: Call, seen: Look | None) -> Iterator[Docu
             yield replace(document, path=beside_of(outputs.out, document.path.name, force=outputs.force))
     yield from outcome.documents
     if outputs.report is not None:
-        yield Document(outputs.report, partial(_page_bytes, outcome, seen, _then(outcome, call)))
+        yield Document(outputs.report, partial(_page_bytes, outcome, seen, outputs.report, _then(outcome, call)))
 
 
 def _seen(result: CalibrationResult) -> Look:
@@ -127,17 +127,20 @@ def _then(outcome: Outcome, call: Call) -> tuple[str, str] | None:
     return outcome.then.words, next_command(outcome.then, call)
 
 
-def _page_bytes(outcome: Outcome, seen: Look | None, then: tuple[str, str] | None) -> bytes:
+def _page_bytes(outcome: Outcome, seen: Look | None, path: Path, then: tuple[str, str] | None) -> bytes:
     """The task's own page, or the one that every result has."""
-    if outcome.page is not None:
-        return outcome.page().encode()
-    return b"" if seen is None else _page(seen, then)
+    from calibrant.reports.html import report_file
+
+    own = outcome.page
+    if own is not None:
+        return report_file(lambda still: own(), path)
+    return b"" if seen is None else _page(seen, path, then)
 
 
-def _page(seen: Look, then: tuple[str, str] | None = None) -> bytes:
-    from calibrant.reports.html import report_page
+def _page(seen: Look, path: Path, then: tuple[str, str] | None = None) -> bytes:
+    from calibrant.reports.html import report_file, report_page
 
-    return report_page(seen, then=then).encode()
+    return report_file(lambda still: report_page(seen, then=then, still=still), path)
 
 
 def _show(outcome: Outcome, seen: Look | None, *, verbose: bool) -> None:

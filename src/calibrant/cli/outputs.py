@@ -21,7 +21,7 @@ class OutputOptions:
     out: Annotated[Path | None, Option("FILE", "-o", output="file")] = None
     """Write the result file (JSON) here."""
     report: Annotated[Path | None, Option("FILE.html", output="file")] = None
-    """Write an HTML report here."""
+    """Write a report here: .html, or .pdf."""
     json: bool = False
     """Print the result (JSON) on standard output, nothing else."""
     verbose: Annotated[bool, Option(short="-v")] = False

@@ -90,7 +90,12 @@ def read_observations(path: str | Path) -> Observations:
 
 
 def write_text(text: str, path: str | Path, *, force: bool = False) -> Path:
-    """Write a text file whole or not at all: a temporary neighbour is filled, synced and renamed over the path.
+    """Write a text file whole or not at all. Raises: as `write_bytes`."""
+    return write_bytes(text.encode("utf-8"), path, force=force)
+
+
+def write_bytes(content: bytes, path: str | Path, *, force: bool = False) -> Path:
+    """Write a file whole or not at all: a temporary neighbour is filled, synced and renamed over the path.
 
     Raises: InputError when the path exists and `force` is False, or cannot be written; nothing is left behind.
     """
@@ -104,7 +109,7 @@ def write_text(text: str, path: str | Path, *, force: bool = False) -> Path:
         temporary, stream = draft(target)
         try:
             with stream:
-                stream.write(text.encode("utf-8"))
+                stream.write(content)
                 stream.flush()
                 os.fsync(stream.fileno())
             os.replace(temporary, target)

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from calibrant.calibrate.review.residuals import ViewResiduals as ViewResiduals
     from calibrant.calibrate.stereo.drawn import DrawnPair as DrawnPair
     from calibrant.diagnose.budget.workspace import WorkspaceUncertainty
+    from calibrant.diagnose.influence import ViewInfluence
     from calibrant.diagnose.loop import LoopView
 
 
@@ -22,6 +23,12 @@ class Look:
     """What a terminal and a page show of a result. One look serves both, so that nothing is solved twice."""
 
     result: CalibrationResult
+
+    def at(self, result: CalibrationResult) -> Look:
+        """A look at the same result in other words, with all that was computed already."""
+        other = Look(result)
+        other.__dict__.update({name: value for name, value in self.__dict__.items() if name != "result"})
+        return other
 
     @cached_property
     def poses(self) -> dict[tuple[str, str], Array]:
@@ -59,6 +66,13 @@ class Look:
         from calibrant.calibrate.review.coverage import covered
 
         return () if self.result.observations is None else covered(self.result, self.poses, self.residuals)
+
+    @cached_property
+    def influence(self) -> tuple[ViewInfluence, ...]:
+        """What leaving each view out would move."""
+        from calibrant.diagnose.influence import influence
+
+        return influence(self.result)
 
     @cached_property
     def workspaces(self) -> dict[str, WorkspaceUncertainty]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Set
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +12,14 @@ from calibrant.cameras import Camera
 from calibrant.data import DEFAULT_CAMERA, CalibrationResult, Check, TransformEstimate
 from calibrant.diagnose.look import Look
 from calibrant.diagnose.loop import LoopView
+from calibrant.reports.evidence import (
+    histogram_blocks,
+    influence_blocks,
+    still_views,
+    straight_blocks,
+    uncertainty_blocks,
+)
+from calibrant.reports.kinds.comparison import compared_blocks
 from calibrant.reports.kinds.registry import kind_of
 from calibrant.reports.parts.blocks import Block
 from calibrant.reports.parts.figures import (
@@ -26,6 +34,7 @@ from calibrant.reports.parts.figures import (
 from calibrant.reports.parts.numbers import Figure, plain, sigma_text
 from calibrant.reports.parts.phrases import OWN_OPTIONS
 from calibrant.reports.parts.rows import view_rows
+from calibrant.reports.reproduce import reproduced
 from calibrant.reports.scene import scene
 from calibrant.reports.view_data import page_views
 from calibrant.reports.words import sorted_checks
@@ -59,11 +68,18 @@ class Cell:
     darkness: float
 
 
-def sections(look: Look, *, images: Mapping[str, Path]) -> Sections:
-    """All that a page says of a result below its head. Args: images, files by view id, in place of those it names."""
+def sections(
+    look: Look, *, images: Mapping[str, Path], beside: Sequence[CalibrationResult] = (), still: bool = False
+) -> Sections:
+    """All that a page says of a result below its head.
+
+    Args: images, files by view id, in place of those it names; beside, comparisons with others; still, drawn without
+    scripts.
+    """
     result, kind = look.result, kind_of(look.result)
+    compared = [block for other in beside for block in compared_blocks(other)]
     if kind.page is not None:
-        return Sections((*kind.page(look), _origin(result)), None)
+        return Sections((*kind.page(look), *compared, *_origins(result)), None)
     pages = page_views(result, look.residuals, look.loop, images=images)
     world = scene(look)
     rows = view_rows(result)
@@ -74,14 +90,24 @@ def sections(look: Look, *, images: Mapping[str, Path]) -> Sections:
     blocks: list[Block | None] = [
         *(answered if result.verdict != "refused" else reversed(answered)),
         *(table.block for table in kind.tables(result)),
+        *compared,
         *kind.blocks(look),
         Block("workspace", {"workspaces": workspace_blocks(look)}) if look.workspaces else None,
         Block("methods", {"methods": method_rows(result)}) if result.methods else None,
-        None if world is None else Block("scene", {"loop_sentence": _loop_sentence(look.loop, out)}),
-        Block("views", {"rows": rows, "rows_name": kind.rows, "result": result}) if pages.views else None,
-        Block("residuals", {"picture_remark": pages.remark}) if any(view["uv"] for view in pages.views) else None,
+        None if world is None else Block("scene", {"loop_sentence": _loop_sentence(look.loop, out), "still": still}),
+        *(still_views(pages.views) if still else ()),
+        Block("views", {"rows": rows, "rows_name": kind.rows, "result": result, "still": still})
+        if pages.views
+        else None,
+        Block("residuals", {"picture_remark": pages.remark})
+        if any(view["uv"] for view in pages.views) and not still
+        else None,
+        *histogram_blocks(look),
         _coverage(look),
-        _origin(result),
+        *uncertainty_blocks(look),
+        *influence_blocks(look),
+        *straight_blocks(look, dict(images)),
+        *_origins(result),
     ]
     data = {"views": pages.views, "pictures": pages.pictures, "rms": result.rms_px, "scene": world}
     return Sections(tuple(block for block in blocks if block is not None), _finite(data))
@@ -105,6 +131,11 @@ def _coverage(look: Look) -> Block | None:
     result = look.result
     blocks = [_coverage_block(c, _remarks(result, c)) for c in look.coverage]
     return Block("coverage", {"coverage": blocks, "judged": result.is_about_cameras}) if blocks else None
+
+
+def _origins(result: CalibrationResult) -> list[Block]:
+    """What it was made from, and how to make it again."""
+    return [_origin(result), reproduced(result).block]
 
 
 def _origin(result: CalibrationResult) -> Block:

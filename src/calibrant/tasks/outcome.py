@@ -86,9 +86,9 @@ def result_document(result: CalibrationResult, path: Path) -> Document:
     return Document(path, lambda: _result_text(result).encode())
 
 
-def page_document(result: CalibrationResult, path: Path) -> Document:
-    """A result's page, made when its turn comes."""
-    return Document(path, partial(_page, result))
+def page_document(result: CalibrationResult, path: Path, **how: Any) -> Document:
+    """A result's page, HTML or PDF by the file's ending, made when its turn comes. Args: how, as `report_page`."""
+    return Document(path, partial(_page, result, path, how))
 
 
 def _result_text(result: CalibrationResult) -> str:
@@ -97,7 +97,7 @@ def _result_text(result: CalibrationResult) -> str:
     return result_text(result) + "\n"
 
 
-def _page(result: CalibrationResult) -> bytes:
-    from calibrant.reports.html import report_page
+def _page(result: CalibrationResult, path: Path, how: dict[str, Any]) -> bytes:
+    from calibrant.reports.html import report_file, report_page
 
-    return report_page(result).encode()
+    return report_file(lambda still: report_page(result, still=still, **how), path)

@@ -345,8 +345,10 @@ def study_methods(
 ) -> CalibrationResult: ...
 def report(
     result: str | Path,
+    others: Words = (),
     *,
     out: str | Path | None = None,
+    paths: bool = False,
     workspace: str | None = None,
     tolerance: str | None = None,
     target_sigma: str | None = None,

@@ -161,6 +161,17 @@ def comparison_blocks(found: Comparison) -> list[Block]:
     return [maps_block(f"Difference from {found.second} over the image", words, maps)]
 
 
+def compared_blocks(result: CalibrationResult) -> list[Block]:
+    """A comparison on the page of the first of the two."""
+    found = result.detail(Comparison)
+    if found is None:
+        return []
+    rows = tuple((fact.name, fact.text, fact.note) for fact in _headline(result))
+    said = "; ".join(c.message for c in result.checks)
+    table = TextTable(f"Compared with {found.second}", (Column(""), Column(""), Column("")), rows, f"{said}.")
+    return [table.block, *(t.block for t in comparison_tables(found)), *comparison_blocks(found)]
+
+
 def _maps(c: CameraComparison, *, several: bool) -> list[ImageMap]:
     tail = f", {c.first}" if several else ""
     arrows = [None if x is None or y is None else (x, y) for x, y in zip(c.map.du, c.map.dv)]

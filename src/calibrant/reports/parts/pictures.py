@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Collection, Mapping, Sequence
-from pathlib import Path
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path, PureWindowsPath
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +17,7 @@ from calibrant.reports.parts.blocks import Block
 
 _MOST_PICTURES = 40
 """Reading a picture takes some 20 ms: more than these would make a report slow to write."""
+_THREADS = 4
 _WIDTHS = (960, 720, 540, 400)
 _QUALITY = 72
 """Corners stay clear under the residual arrows; higher only adds bytes."""
@@ -29,17 +32,18 @@ def data_uris(
     views whose observations were made on mirrored images.
     """
     chosen, images, missing = files[:_MOST_PICTURES], {}, []
-    for key, path in chosen:
-        image = _read(path)
-        if image is None:
-            missing.append(path.name)
-        else:
-            images[key] = image[:, ::-1] if key in mirrored else image
-    encoded: dict[str, str] = {}
-    for width in _WIDTHS:
-        encoded = {key: _encode(image, width) for key, image in images.items()}
-        if sum(map(len, encoded.values())) <= budget:
-            break
+    # Decoding and resizing leave Python alone: threads take the time of the slowest.
+    with ThreadPoolExecutor(_THREADS) as pool:
+        for (key, path), image in zip(chosen, pool.map(_read_small, [path for _, path in chosen])):
+            if image is None:
+                missing.append(PureWindowsPath(path).name)  # whichever system the result is from
+            else:
+                images[key] = image[:, ::-1] if key in mirrored else image
+        encoded: dict[str, str] = {}
+        for width in _WIDTHS:
+            encoded = dict(zip(images, pool.map(partial(_encode, width=width), images.values())))
+            if sum(map(len, encoded.values())) <= budget:
+                break
     kept = _within(encoded, budget)
     return kept, _missing_sentence(missing, len(files) - len(missing) - len(kept))
 
@@ -47,6 +51,20 @@ def data_uris(
 def picture_block(heading: str, image: NDArray[np.uint8], caption: str) -> Block:
     """A picture (h, w, 3), BGR, under a heading, with a sentence below."""
     return Block("picture", {"heading": heading, "uri": _encode(image, _WIDTHS[0]), "caption": caption})
+
+
+def beside_block(heading: str, pairs: Sequence[tuple[str, str, NDArray[np.uint8], NDArray[np.uint8]]]) -> Block:
+    """Pictures beside each other: camera and view, the picture as it was taken, and the same without distortion."""
+    several = len(pairs) > 1
+    shown = [
+        {
+            "name": f"{camera} {view}" if several else view,
+            "raw": _encode(raw, _WIDTHS[1]),
+            "straight": _encode(straight, _WIDTHS[1]),
+        }
+        for camera, view, raw, straight in pairs
+    ]
+    return Block("beside", {"heading": heading, "pairs": shown})
 
 
 def _within(encoded: Mapping[str, str], budget: int) -> dict[str, str]:
@@ -69,11 +87,21 @@ def _read(path: Path) -> NDArray[np.uint8] | None:
         return None
 
 
-def _encode(image: NDArray[np.uint8], width: int) -> str:
+def _read_small(path: Path) -> NDArray[np.uint8] | None:
+    """No larger than the largest that is shown: of a thousand whole pictures few fit in memory."""
+    image = _read(path)
+    return None if image is None else _reduced(image, _WIDTHS[0])
+
+
+def _reduced(image: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
     scale = min(1.0, width / image.shape[1])
     size = (max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale)))
-    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA) if scale < 1 else np.ascontiguousarray(image)
-    jpeg = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1]
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA) if scale < 1 else image
+    return np.ascontiguousarray(small)
+
+
+def _encode(image: NDArray[np.uint8], width: int) -> str:
+    jpeg = cv2.imencode(".jpg", _reduced(image, width), [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1]
     return "data:image/jpeg;base64," + base64.b64encode(jpeg.tobytes()).decode("ascii")
 
 

@@ -1,10 +1,10 @@
-"""A result file shown again, or made into its HTML report, with its accuracy in a workspace where one is asked for."""
+"""A result file shown again, or made into its report, with its accuracy in a workspace, and beside others."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from calibrant.errors import RefusedError
 from calibrant.tasks.listener import SILENT, Listener
@@ -20,24 +20,30 @@ EXAMPLE = 'cb.report("hand-eye.json", out="hand-eye.html")'
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """Show what a result file holds, and write its HTML report.
+    """Show what a result file holds, and write its report: HTML, or a PDF to print.
 
     calibrant report camera.json --out camera.html
+    calibrant report monday.json friday.json --out both.pdf
     calibrant report hand-eye.json --workspace 300mm:700mm,-200mm:200mm,0mm:100mm --tolerance 1mm
 
-    The photos are shown where they still lie under the names they had, seen from the folder of this command.
+    The photos are shown where they still lie under the names they had, seen from the folder of this command. With more
+    files the report is the first one's, with what differs in each of the others.
     """
 
     result: Annotated[Path, Option("RESULT.json", positional=True)]
     """The result file."""
+    others: Annotated[tuple[str, ...], Option("OTHERS...", positional=True)] = ()
+    """Results, or cameras of any program, to compare it with."""
     out: Annotated[Path | None, Option("FILE.html", "-o", output="file")] = None
-    """Write the HTML report here."""
+    """Write the report here: .html, or .pdf (by Chromium, or WeasyPrint)."""
+    paths: bool = False
+    """Name files with the folders of this machine."""
     work: WorkspaceOptions = WorkspaceOptions()
 
 
 def reads(request: Request) -> list[Path]:
-    """The result file."""
-    return [request.result]
+    """The result files; of a folder none, since its formats choose."""
+    return [request.result, *(file for file in map(Path, request.others) if not file.is_dir())]
 
 
 def run(request: Request, listener: Listener = SILENT) -> Outcome:
@@ -48,8 +54,19 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     from calibrant.data.result_file import read_result
 
     found = request.work.applied(read_result(request.result))
-    pages = () if request.out is None else (page_document(found, request.out),)
-    return Outcome(result=found, documents=pages, refusal=_refusal(found, request.work))
+    compared = tuple(_compared(found, request.result, Path(other)) for other in request.others)
+    how: dict[str, Any] = {"beside": compared, "paths": request.paths}
+    pages = () if request.out is None else (page_document(found, request.out, **how),)
+    told = None if not compared else lambda: (found, *compared)
+    return Outcome(result=found, documents=pages, summary=told, refusal=_refusal(found, request.work))
+
+
+def _compared(found: CalibrationResult, file: Path, other: Path) -> CalibrationResult:
+    from calibrant.diagnose.compare.results import compare_results
+    from calibrant.formats.exchange.read import read_any
+    from calibrant.tasks.results.compare import names_of
+
+    return compare_results(found, read_any(other), names=names_of((file, other)))
 
 
 def _refusal(result: CalibrationResult, work: WorkspaceOptions) -> RefusedError | None:

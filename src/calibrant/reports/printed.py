@@ -1,0 +1,79 @@
+"""Pages as PDF: by Chromium where there is one, which runs the page's scripts first; else by WeasyPrint."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+
+from calibrant.errors import InputError
+from calibrant.reading.files import open_file
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
+_SECONDS = 120
+"""A page of 200 views takes 5; a browser that hangs must not hang us."""
+
+
+def browser() -> str | None:
+    """The Chromium on this machine, None where there is none."""
+    return next((found for found in map(shutil.which, BROWSERS) if found), None)
+
+
+def pdf(page: Callable[[bool], str]) -> bytes:
+    """The PDF, A4, of a page. Args: page: its HTML; asked with True, drawn without scripts.
+
+    Raises: InputError where there is neither Chromium nor WeasyPrint, or the browser fails.
+    """
+    found = browser()
+    if found is not None:
+        return _by_browser(found, page(False))
+    if find_spec("weasyprint") is None:
+        raise InputError(
+            "a PDF needs Chromium on this machine, or WeasyPrint: pip install 'calibrant[pdf]'; or write the report as "
+            ".html and print it from a browser"
+        )
+    return _by_weasyprint(page(True))
+
+
+def _by_browser(program: str, html: str) -> bytes:
+    with tempfile.TemporaryDirectory(prefix="calibrant-") as folder:
+        source, target = Path(folder) / "report.html", Path(folder) / "report.pdf"
+        source.write_text(html, encoding="utf-8")
+        command = [
+            *(program, "--headless", "--disable-gpu", "--no-first-run", "--disable-extensions", "--disable-quic"),
+            # The page fetches nothing, and shall not: no name is looked up.
+            *("--disable-background-networking", "--host-resolver-rules=MAP * ~NOTFOUND"),
+            *(f"--user-data-dir={folder}/profile", "--no-pdf-header-footer", f"--print-to-pdf={target}"),
+            # As root, as in containers, Chromium runs without its sandbox or not at all; the page is our own.
+            *(["--no-sandbox"] if getattr(os, "geteuid", lambda: 1)() == 0 else []),
+            source.as_uri(),
+        ]
+        try:
+            subprocess.run(command, capture_output=True, check=True, timeout=_SECONDS)
+            with open_file(target) as stream:
+                return stream.read()
+        except (OSError, subprocess.SubprocessError, InputError) as error:
+            raise InputError(
+                f"{program} made no PDF of the report ({type(error).__name__}); write it as .html and print it"
+            ) from error
+
+
+def _by_weasyprint(html: str) -> bytes:
+    from weasyprint import HTML
+
+    made: bytes = HTML(string=html, url_fetcher=_refused).write_pdf()
+    return made
+
+
+def _refused(url: str, *args: object, **options: object) -> dict[str, object]:
+    """Nothing but what the page holds is fetched."""
+    from weasyprint import default_url_fetcher
+
+    if not url.startswith("data:"):
+        raise InputError(f"a report fetches nothing, asked for {url}")
+    fetched: dict[str, object] = default_url_fetcher(url)
+    return fetched

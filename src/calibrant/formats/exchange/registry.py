@@ -74,6 +74,9 @@ FORMATS: dict[str, Line] = {
     "nerf": Line("cameras.photogrammetry.nerf"),
     "bundler": Line("cameras.photogrammetry.bundler", ("text",)),
     "matlab": Line("cameras.matlab.camera_parameters", ("text", "binary")),
+    "agisoft": Line("cameras.photogrammetry.agisoft", ("xml",)),
+    "azure-kinect": Line("cameras.sensors.azure_kinect"),
+    "zed": Line("cameras.sensors.zed", ("text",)),
     "bouguet": Line("cameras.matlab.bouguet", ("text", "binary")),
     "described": Line("cameras.described_file"),
 }

@@ -73,11 +73,12 @@ FORMATS: dict[str, Line] = {
     "colmap": Line("cameras.photogrammetry.colmap", ("text", "binary", "folder")),
     "nerf": Line("cameras.photogrammetry.nerf"),
     "bundler": Line("cameras.photogrammetry.bundler", ("text",)),
-    "matlab": Line("cameras.matlab.camera_parameters", ("text", "binary")),
     "agisoft": Line("cameras.photogrammetry.agisoft", ("xml",)),
+    "bouguet": Line("cameras.matlab.bouguet", ("text", "binary")),
+    "matlab": Line("cameras.matlab.camera_parameters", ("text", "binary")),
+    "realsense": Line("cameras.sensors.realsense", ("text",)),
     "azure-kinect": Line("cameras.sensors.azure_kinect"),
     "zed": Line("cameras.sensors.zed", ("text",)),
-    "bouguet": Line("cameras.matlab.bouguet", ("text", "binary")),
     "described": Line("cameras.described_file"),
 }
 """By the name that `--to` and `--read-as` take."""

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from calibrant.errors import InputError
 from calibrant.formats.bags.bag import COMPRESSED, PICTURES, Bag, Message, opened
 from calibrant.formats.bags.encodings import decoded_compressed, decoded_image
-from calibrant.formats.bags.kinds import files_of
+from calibrant.formats.bags.kinds import check_bag, files_of
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,7 @@ class Entry:
 
 def entries(bag: Path) -> tuple[Entry, ...]:
     """Every picture of a bag, in the order received. Raises: InputError for a bag that cannot be read, or has none."""
+    check_bag(bag)
     # A bag that was changed since is another one.
     return _entries(bag, tuple((f.stat().st_size, f.stat().st_mtime_ns) for f in files_of(bag)))
 

@@ -52,6 +52,7 @@ class MovingBagOptions(BagOptions):
                 raise InputError(f"{option} {value} names what is in a bag: give it (--bag FILE)")
         if self.tf is not None and self.joint_topic is not None:
             raise InputError("--tf and --joint-topic both say where the robot's poses are; give one of them")
+        _ = self.frames
 
     @property
     def frames(self) -> tuple[str, str] | None:

@@ -40,7 +40,7 @@ from calibrant.diagnose.next_pose.obstacles import read_geometry
 from calibrant.errors import CalibrantError, InputError
 from calibrant.formats.cameras.opencv import intrinsics_text
 from calibrant.formats.cameras.read import read_camera
-from calibrant.formats.exchange.exchange_format import WriteOptions, read_cameras
+from calibrant.formats.exchange.exchange_format import ReadOptions, WriteOptions, read_cameras
 from calibrant.formats.exchange.read import read_any
 from calibrant.formats.exchange.registry import FORMATS, format_named
 from calibrant.formats.points_yaml import read_own_points
@@ -157,7 +157,7 @@ def corpus() -> dict[str, Kind]:
         ),
         "geometry": Kind((("g.yaml", _geometry()),), read_geometry),
         "picture": Kind(tuple(_picture_files()), picture_in_use),
-        "exchange": Kind(tuple(_exchanged_files(camera, T[0])), read_any),
+        "exchange": Kind(tuple(_exchanged_files(camera, T[0])), lambda path: read_any(path, ReadOptions(unit_m=1.0))),
     }
 
 

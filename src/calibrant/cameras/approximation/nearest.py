@@ -109,7 +109,7 @@ def nearest_to_rays(
     Args: uv (n, 2) px over the image, rays (n, 3) of any length; focal_px, centre (2,) px: scale at the axis and where
     it meets the image, from which the fit starts. Raises: InputError where the model sees none of the rays.
     """
-    kind = camera_model(model)
+    kind = camera_model(_member(model, rays))
     start = Camera(kind, image_size, kind.starting_values(focal_px, centre))
     if not kind.valid(start.values, rays).any():
         raise InputError(f"a {model} camera sees nothing of what these pixels see")

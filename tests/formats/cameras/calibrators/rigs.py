@@ -46,7 +46,7 @@ def rig(*models: str, imu: bool = True) -> cb.CalibrationResult:
 
 
 def through(result: cb.CalibrationResult, target: Path, to: str, **options: object) -> cb.CalibrationResult:
-    """The result written as another program's file by `convert`, and read again."""
+    """The result written as another program's file or folder by `convert`, and read again."""
     source = target.parent / "source.json"
     write_result(result, source, force=True)
     cb.convert(source, target, to=to, **options)  # type: ignore[arg-type]

@@ -17,8 +17,8 @@ MODELS = ("kannala_brandt", "unified", "rational")
 ASKS = {"model": f"which model of ours stands for the lens, where the file's is none of them ({', '.join(MODELS)}, …)"}
 _NEAR_ENOUGH_PX = 0.01
 """Below what corners are found to; other models need not be tried."""
-_WIDEST = np.deg2rad(170.0)
-"""Angle from the axis up to which rays count: the corners of a fisheye's picture are no rays at all."""
+_WIDEST_DEG = 120.0
+"""Angle from the axis up to which rays count: no lens is wider, and in dark corners a polynomial says nothing."""
 
 
 def camera_by_rays(
@@ -42,7 +42,7 @@ def camera_by_rays(
     with np.errstate(all="ignore"):
         rays = rays_of(uv)
         angle = np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2])
-    seen = np.isfinite(rays).all(axis=-1) & (angle < _WIDEST)
+    seen = np.isfinite(rays).all(axis=-1) & (angle < np.deg2rad(_WIDEST_DEG))
     if seen.sum() < len(uv) // 10 or not np.isfinite(focal_px) or focal_px <= 0:
         raise InputError(f"{source}: the {lens} lens gives rays to {seen.mean():.0%} of the image; correct its terms")
     fits: list[Approximation] = []
@@ -61,9 +61,12 @@ def camera_by_rays(
     if not fits:
         raise InputError(f"{source}: no model of {', '.join(MODELS)} sees what the {lens} lens sees")
     best = min(fits, key=lambda fit: (round(fit.outside, 2), fit.rms_px))
-    outside = f"; {best.outside:.2g} of the image lies outside of it" if best.outside > 0 else ""
+    where = "the image" if seen.all() else f"what it sees of the image within {_WIDEST_DEG:g} deg of the axis"
+    outside = (
+        f"; {best.outside:.2g} of that lies outside of the {best.camera.model.name} camera" if best.outside else ""
+    )
     note(
         f"{source}: a {lens} lens is read as the nearest {best.camera.model.name} camera: off by {best.rms_px:.3g} px "
-        f"RMS and {best.most_px:.3g} px at most over the image{outside}"
+        f"RMS and {best.most_px:.3g} px at most over {where}{outside}"
     )
     return best.camera

@@ -1,0 +1,84 @@
+"""OCamCalib's calib_results.txt: Scaramuzza's polynomial lens, rows before columns.
+
+    row, column = A (x, y) + centre,  A = [[c, d], [e, 1]],  ray = (x, y, a0 + a1 rho + a2 rho^2 + ...)
+
+Lines: the polynomial with its count before it, its inverse (which follows from it), centre "row" and "column" from 0,
+c d e, height and width. The axes are x down the rows, y along the columns and z towards the viewer; here they become
+x right, y down, z ahead. Source: OCamCalib's exportData2TXT.m and undistortFunctions/ocam_functions.c.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calibrant.arrays import Array
+from calibrant.data import CalibrationResult
+from calibrant.errors import InputError
+from calibrant.formats.cameras.calibrators.by_rays import ASKS
+from calibrant.formats.cameras.calibrators.polynomial import polynomial_camera
+from calibrant.formats.cameras.camera_format import whole_size
+from calibrant.formats.documents.document import Document
+from calibrant.formats.exchange.exchange_format import ExchangeFormat, ReadOptions, answer, read_cameras
+
+_MOST = 20_000
+"""Characters: five lines of numbers and what they are."""
+_SWAP = np.array([[0.0, 1.0], [1.0, 0.0]])
+
+
+def _lines(document: Document) -> list[Array]:
+    """The lines of numbers; none where a line is something else."""
+    text = document.text or ""
+    if len(text) > _MOST:
+        return []
+    found = []
+    for line in text.splitlines():
+        if line.strip() and not line.lstrip().startswith("#"):
+            try:
+                found.append(np.array([float(part) for part in line.split()]))
+            except ValueError:
+                return []
+    return found
+
+
+def _matches(document: Document) -> bool:
+    lines = _lines(document)
+    counted = len(lines) >= 2 and all(line[0] == len(line) - 1 > 2 for line in lines[:2])
+    return "DIRECT mapping function" in (document.text or "")[:_MOST] or (counted and len(lines) in (5, 6))
+
+
+def _read(document: Document, options: ReadOptions) -> CalibrationResult:
+    lines = _lines(document)
+    shape = [len(line) for line in lines[2:5]]
+    if len(lines) < 5 or shape != [2, 3, 2] or lines[0][0] != len(lines[0]) - 1:
+        raise InputError(
+            f"lines of {[len(line) for line in lines]} numbers; expected the polynomial after its count, its inverse "
+            "likewise, the centre (2), c d e (3), height and width (2)"
+        )
+    coefficients, centre, (c, d, e), size = lines[0][1:], lines[2], lines[3], whole_size(*lines[4][::-1])
+    if not all(np.all(np.isfinite(line)) for line in lines):
+        raise InputError("numbers that are not finite")
+    if not 0 <= centre[0] < size[1] or not 0 <= centre[1] < size[0]:
+        raise InputError(
+            f"the centre, row {centre[0]:g} and column {centre[1]:g}, lies outside of {size[0]}x{size[1]} px"
+        )
+    # Rows and columns change places, in the image and in the camera.
+    A = _SWAP @ np.array([[c, d], [e, 1.0]]) @ _SWAP
+    camera = polynomial_camera(
+        coefficients,
+        A,
+        centre[::-1],
+        size=size,
+        source=str(document.path),
+        model=answer(options.answers, "model"),
+    )
+    return read_cameras({document.path.name.partition(".")[0] or "camera": camera})
+
+
+FORMAT = ExchangeFormat(
+    name="ocam",
+    title="OCamCalib calib_results.txt",
+    suffix=".txt",
+    matches=_matches,
+    read=_read,
+    asks=ASKS,
+)

@@ -18,7 +18,9 @@ from calibrant.data.result_file import read_result
 from calibrant.errors import CalibrantError, InputError
 from calibrant.formats.cameras.read import read_camera
 from calibrant.formats.poses.read import read_poses
+from calibrant.formats.projects.text import parse_project
 from calibrant.formats.robots.read import read_robot
+from calibrant.reading.files import DOCUMENT, read_text
 from calibrant.targets.registry import parse_target
 
 READERS: dict[str, Callable[[Path], object]] = {
@@ -27,6 +29,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "robot": read_robot,
     "result": read_result,
     "target": lambda path: parse_target(str(path)),
+    "project": lambda path: parse_project(read_text(path, most=DOCUMENT), str(path)),
 }
 LAUGHS = "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}' if i else '1'] * 9)}]\n" for i in range(9))
 MANY = 20_000

@@ -103,6 +103,22 @@ def test_a_typed_pose_joins_what_nothing_joined() -> None:
     assert set(board.source.split(", ")) == {SOLVED, TYPED}
 
 
+def test_a_rig_follows_its_camera_and_a_gripper_never_sticks_to_its_base() -> None:
+    rig = CalibrationResult("rig", "ok", transforms=(as_transform("left", "right", T_GRIPPER_LEFT),))
+    project = placed(cell(), "left", typed("table", (0.0, 0.0, 500.0)))
+    found = Scene.of(project, [(replace(KEPT, robots=()), rig)])
+    np.testing.assert_allclose(
+        found.place("right", "table").T, se3.make(np.eye(3), [0.0, 0.0, 0.5]) @ T_GRIPPER_LEFT, atol=1e-12
+    )
+    # The left camera is on the gripper: typed in before the board it leaves it, and the right one stays there.
+    moved = scene(placed(cell(), "left", typed("board", (0.0, 0.0, 500.0))))
+    np.testing.assert_allclose(
+        moved.place("left", "base").T, T_BASE_BOARD @ se3.make(np.eye(3), [0.0, 0.0, 0.5]), atol=1e-12
+    )
+    assert moved.place("right", "base").relative_to == "ur_gripper"
+    assert moved.place("right", "gripper").source == SOLVED
+
+
 def test_the_later_result_counts_and_the_earlier_adds_what_it_alone_has() -> None:
     moved = se3.make(np.eye(3), [0.0, 0.0, 0.5])
     before = CalibrationResult("cameras", "ok", transforms=(

@@ -107,7 +107,7 @@ def _said(raw: RawPoses) -> RawPoses:
 
 def read_table(paths: str | Path | Iterable[str | Path], fmt: RobotFormat | None = None) -> Parsed:
     """The table of one file, or of one file a pose, and that of target poses where it holds pairs."""
-    files = _files(paths)
+    files = files_of(paths)
     table, target = _parse(files[0], fmt) if len(files) == 1 else _joined(files, fmt)
     return (table if fmt is None else in_format(table, fmt)), target
 
@@ -125,7 +125,7 @@ def refuse_ambiguous(raw: RawPoses) -> None:
         raise InputError(f"{raw.source}: rotations in degrees or radians? Say it: --pose-angle deg or rad")
 
 
-def _files(paths: str | Path | Iterable[str | Path]) -> list[Path]:
+def files_of(paths: str | Path | Iterable[str | Path]) -> list[Path]:
     """The files meant by paths, folders and patterns, in natural order; a single file stands alone."""
     given = [paths] if isinstance(paths, str | Path) else list(paths)
     if not given:

@@ -161,8 +161,7 @@ class Scene:
             if c.pose is None:
                 continue
             frame, parent = frame_named(project, name), frame_named(project, c.pose.relative_to)
-            known = _graph(bodies, edges)
-            if {frame, parent} <= set(known.frames) and any({frame, parent} <= set(g) for g in known.groups()):
+            if _instead(project, _graph(bodies, edges), frame, parent):
                 bodies = [{f: T for f, T in body.items() if f != frame} for body in bodies]
             edges[parent, frame] = c.pose.matrix
             given[parent, frame] = c.pose.source
@@ -207,6 +206,17 @@ class Scene:
             if {parent, child} <= frames:
                 return covariance_between(result, parent, child)
         return None
+
+
+def _instead(project: Project, known: FrameGraph, frame: str, parent: str) -> bool:
+    """Whether a pose that is given stands in the place of what is known of its frame, and does not join two bodies:
+    where they are one already, or would tie a robot's base to its own gripper, which moves."""
+    groups = known.groups()
+    mine, others = (next((g for g in groups if name in g), (name,)) for name in (frame, parent))
+    if parent in mine:
+        return True
+    joined = {*mine, *others}
+    return any({robot, f"{robot}_{GRIPPER}"} <= joined for robot in project.of_kind("robot"))
 
 
 def _graph(bodies: Sequence[Body], edges: Mapping[Frame, Array]) -> FrameGraph:

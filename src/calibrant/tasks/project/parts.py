@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calibrant.tasks.project.seeing import ToSee, hash_of, records_of
+from calibrant.tasks.project.seeing import ToSee, hash_of, pose_files, records_of
 from calibrant.version import __version__
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def key_of(folder: Path, project: Project, part: Part, seen: Mapping[str, ToSee]
     for name in part.observations:
         s = project.observations[name]
         used = [number.get(n, -1) for n in (s.camera, s.projector, s.robot, s.target)]
-        poses = [r["sha256"] for r in records_of(folder, [folder / p for p in s.poses])]
+        poses = [[Path(r["file"]).name, r["sha256"]] for r in records_of(folder, pose_files(folder, s))]
         lists.append([seen[name].key, s.setup, used, poses, list(vars(s.notation).values())])
     components: list[object] = []
     for name in part.components:
@@ -78,7 +78,7 @@ def key_of(folder: Path, project: Project, part: Part, seen: Mapping[str, ToSee]
 
 def files_of(folder: Path, project: Project, part: Part, seen: Mapping[str, ToSee]) -> Records:
     """Every file that a part is made from. Raises: InputError as `key_of`."""
-    poses = [folder / p for name in part.observations for p in project.observations[name].poses]
+    poses = [f for name in part.observations for f in pose_files(folder, project.observations[name])]
     lenses = [folder / c.file for name in part.components if (c := project.components[name]).file]
     found = {r["file"]: r for name in part.observations for r in seen[name].records}
     found |= {r["file"]: r for r in records_of(folder, [*poses, *lenses])}

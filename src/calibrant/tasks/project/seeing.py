@@ -44,6 +44,7 @@ def to_see(folder: Path, project: Project, name: str) -> ToSee:
     seen = project.observations[name]
     try:
         files = _files(folder, project, seen)
+        pose_files(folder, seen)
         records = records_of(folder, files)
     except InputError as error:
         raise InputError(f"observations {name}: {error}") from error
@@ -83,9 +84,16 @@ def records_of(folder: Path, files: Sequence[Path]) -> Records:
     sources = dict.fromkeys(place[0] if (place := frame_of(f)) else f for f in files)
     gone = [f for f in sources if not f.is_file()]
     if gone:
-        raise InputError(f"{len(gone)} files are gone, such as {gone[0]}")
+        raise InputError(f"{'1 file is' if len(gone) == 1 else f'{len(gone)} files are'} gone: {gone[0]}")
     found = session.file_records(sources)
     return tuple({"file": _from_folder(folder, r["file"]) or "", "sha256": r["sha256"]} for r in found)
+
+
+def pose_files(folder: Path, seen: Seen) -> list[Path]:
+    """The files of the robot's poses: those named, in a folder, or that a pattern matches. Raises: InputError."""
+    from calibrant.formats.poses.read import files_of
+
+    return files_of([folder / p for p in seen.poses]) if seen.poses else []
 
 
 def hash_of(value: object) -> str:

@@ -12,7 +12,6 @@ from calibrant.tasks.outcome import Answer, Outcome
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from calibrant.arrays import Array
     from calibrant.cameras import Camera
     from calibrant.formats.projects.frames import Place
     from calibrant.formats.projects.records import Project
@@ -40,33 +39,43 @@ def project_json(project: Project) -> str:
     return json.dumps(as_json(project), ensure_ascii=False, indent=1)
 
 
-def places_table(places: Sequence[Place], *, title: str = "") -> RenderableType:
+def places_table(places: Sequence[Place]) -> RenderableType:
     """Where components are: t in mm, yaw, pitch, roll (z-y'-x'') in degrees, 1 sigma below where it is known."""
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(title=Text(title) if title else None, title_justify="left", box=None, pad_edge=False)
+    table = Table(box=None, pad_edge=False)
     # Names are folded where the terminal is narrow, numbers never.
-    for head in ("component", "in", "x, y, z (mm)", "yaw, pitch, roll (deg)", "from"):
-        table.add_column(head, overflow="fold", no_wrap=head.endswith(")"))
+    table.add_column("component", overflow="fold")
+    for head in ("x, y, z (mm)", "yaw, pitch, roll (deg)"):
+        table.add_column(head, no_wrap=True)
     for p in places:
-        named = Text(f"{p.name} ({p.kind})")
-        if p.xyz_mm is None or p.ypr_deg is None:
-            table.add_row(named, Text(p.relative_to), "", "", Text(p.source))
-            continue
-        table.add_row(
-            named,
-            Text(p.relative_to),
-            _with_sigma(p.xyz_mm, p.sigma_mm, _DIGITS_MM),
-            _with_sigma(p.ypr_deg, p.sigma_deg, _DIGITS_DEG),
-            Text(p.source),
-        )
+        table.add_row(Text(f"{p.name} ({p.kind})"), *_figures(p))
+        where = p.source if p.T is None or p.name == p.relative_to else f"in {p.relative_to}, {p.source}"
+        table.add_row(Text(f"  {where}"), *_sigmas(p))
     return table
 
 
-def _with_sigma(values: Array, sigma: Array | None, digits: int) -> str:
-    shown = ", ".join(f"{v + 0.0:.{digits}f}" for v in values)
-    return shown if sigma is None else f"{shown}\n± {', '.join(f'{s:.2g}' for s in sigma)}"
+def _figures(p: Place) -> tuple[str, ...]:
+    if p.xyz_mm is None or p.ypr_deg is None:
+        return ()
+    return tuple(
+        ", ".join(f"{v + 0.0:.{digits}f}" for v in values)
+        for values, digits in ((p.xyz_mm, _DIGITS_MM), (p.ypr_deg, _DIGITS_DEG))
+    )
+
+
+def _sigmas(p: Place) -> tuple[str, ...]:
+    """1 sigma of each figure; of yaw and roll at pitch 90 degrees, which cannot be told apart, none."""
+    if p.T is None or p.sigma_mm is None:
+        return ()
+    from calibrant.data.results import TransformEstimate
+    from calibrant.reports.parts.figures import yaw_pitch_roll_figures
+    from calibrant.reports.parts.numbers import sigma_text
+
+    turned = yaw_pitch_roll_figures(TransformEstimate(p.relative_to, p.name, p.T, p.covariance))
+    sigmas = ([*p.sigma_mm.tolist()], [figure.sigma for figure in turned])
+    return tuple(f"± {', '.join(sigma_text(v) or '–' for v in values)}" for values in sigmas)
 
 
 def places_as_json(places: Sequence[Place]) -> list[dict[str, Any]]:

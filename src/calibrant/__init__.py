@@ -66,6 +66,8 @@ if TYPE_CHECKING:
     from calibrant.tasks.verbs import rectify as rectify
     from calibrant.tasks.verbs import report as report
     from calibrant.tasks.verbs import rig as rig
+    from calibrant.tasks.verbs import ros_launch as ros_launch
+    from calibrant.tasks.verbs import ros_run as ros_run
     from calibrant.tasks.verbs import scan as scan
     from calibrant.tasks.verbs import stereo as stereo
     from calibrant.tasks.verbs import study_methods as study_methods
@@ -138,6 +140,8 @@ _PUBLIC = {
     "read_poses": ("calibrant.tasks.inputs.pose_files", "read_poses"),
     "rectify": ("calibrant.tasks.verbs", "rectify"),
     "report": ("calibrant.tasks.verbs", "report"),
+    "ros_launch": ("calibrant.tasks.verbs", "ros_launch"),
+    "ros_run": ("calibrant.tasks.verbs", "ros_run"),
     "scan": ("calibrant.tasks.verbs", "scan"),
     "target": ("calibrant.tasks.verbs", "target"),
     "time_offset": ("calibrant.tasks.verbs", "time_offset"),

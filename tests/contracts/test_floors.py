@@ -51,13 +51,19 @@ FLOOR = {
 }
 NUMERIC_FLOORS = 2
 NUMERIC_LIBRARIES = {"numpy", "scipy", "numba"}
-BELOW_TASKS = {skin: {"calibrate", "detection", "formats", "optimize"} for skin in ("cli", "app")}
+BELOW_TASKS = {skin: {"calibrate", "detection", "formats", "optimize"} for skin in ("cli", "app", "ros")}
 """What a skin may not import at all: a task does the work."""
 HOME = {
     "mujoco": {"simulate"},
     "mink": {"simulate"},
     "nicegui": {"app"},
     "distributed": {"executors"},
+    "rospy": {"ros"},
+    "rosgraph": {"ros"},
+    "rclpy": {"ros"},
+    "sensor_msgs": {"ros"},
+    "geometry_msgs": {"ros"},
+    "tf2_msgs": {"ros"},
     "cv2": {"opencv"},
     "yaml": {"targets", "formats"},
     "rosbags": {"formats"},

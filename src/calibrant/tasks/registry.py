@@ -29,17 +29,18 @@ class Task(Protocol):
 class Entry:
     """module: where the task is; words: one line for lists; outputs: the files that every result can go to, of "out",
     "report" and "json"; out: what --out is, where it is no result file; judged: whether the answer is a result with a
-    verdict."""
+    verdict; package: where the module is: a skin that is no terminal, such as the node, has its commands with it."""
 
     module: str
     words: str
     outputs: tuple[str, ...] = ("out", "report", "json")
     out: str = "Write the result file (JSON) here."
     judged: bool = True
+    package: str = "tasks"
 
     def load(self) -> Task:
         """The task's module."""
-        return import_module(f"calibrant.tasks.{self.module}")
+        return import_module(f"calibrant.{self.package}.{self.module}")
 
 
 TASKS = {
@@ -96,9 +97,12 @@ TASKS = {
     "project status": Entry("project.status", "Say what of a project is stale, and why.", ("json",), judged=False),
     "project check": Entry("project.check", "Check that all is there that a project names.", ("json",), judged=False),
     "verify unchanged": Entry("verify.unchanged", "Is a calibration still good? One to three photos tell."),
+    "ros run": Entry("run", "Calibrate a camera beside a running robot, through ROS.", (), package="ros"),
+    "ros launch": Entry("launch", "Run the nodes of several cameras.", (), judged=False, package="ros"),
 }
 """Every command by its words: "intrinsics", "tool touch"."""
 GROUPS = {
+    "ros": "Calibrate beside a running robot, and publish what is found.",
     "tool": "Find a tool's tip, by touch or by sight, or a hand camera from the gripper it sees.",
     "verify": "Show whether a calibration holds.",
     "projector": "Calibrate a projector: the patterns it shows, and what a camera makes of them.",

@@ -648,3 +648,13 @@ def verify_unchanged(
     cache: str | None = None,
     force: bool = False,
 ) -> CalibrationResult: ...
+def ros_run(
+    config: str | Path,
+    *,
+    window: int | None = None,
+) -> CalibrationResult: ...
+def ros_launch(
+    configs: Words,
+    *,
+    window: int | None = None,
+) -> CalibrationResult: ...

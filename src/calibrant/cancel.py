@@ -5,8 +5,9 @@
         ...                       # token.cancel() from any other thread
 
 `checkpoint` stands in every loop that a person may wait for: each step of the optimizer, each image, each hypothesis
-of the doctor. Cancelled work raises CancelledError at the next of them and writes nothing. A token stays cancelled, so
-that code that takes an error for an answer (one hypothesis of many does not fit) is stopped at its next step.
+of the doctor. Cancelled work raises CancelledError at the next of them and writes nothing. A token stays cancelled
+until it is `answered`, so that code that takes an error for an answer (one hypothesis of many does not fit) is stopped
+at its next step.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from threading import Event
 
 from calibrant.errors import CancelledError
 
-__all__ = ["CancelledError", "Token", "cancellable", "checkpoint", "undisturbed"]
+__all__ = ["CancelledError", "Token", "answered", "cancellable", "checkpoint", "undisturbed"]
 
 
 class Token:
@@ -32,6 +33,10 @@ class Token:
     def cancel(self) -> None:
         """Ask the work to stop at its next step."""
         self._asked.set()
+
+    def answer(self) -> None:
+        """What was asked has been done; work goes on until it is asked again."""
+        self._asked.clear()
 
     @property
     def cancelled(self) -> bool:
@@ -57,6 +62,14 @@ def checkpoint() -> None:
     token = _token.get()
     if token is not None and token.cancelled:
         raise CancelledError("cancelled; no result was written")
+
+
+def answered() -> None:
+    """A task that a person ends by Ctrl-C, as a running camera's, has ended: what it does with what it has is not
+    stopped by that."""
+    token = _token.get()
+    if token is not None:
+        token.answer()
 
 
 @contextmanager

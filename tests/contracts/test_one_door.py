@@ -11,7 +11,7 @@ import calibrant
 PACKAGE = Path(calibrant.__file__).parent
 OPENS = {"read_text", "read_bytes", "open", "load", "loadtxt", "genfromtxt", "fromfile", "imread", "memmap", "fdopen"}
 """Names of functions and methods that open a file by its name."""
-OF_OTHERS = {"json", "yaml", "entry", "task", "command", "resources", "parser", "zipfile", "pickle"}
+OF_OTHERS = {"json", "yaml", "entry", "task", "command", "resources", "parser", "zipfile", "tarfile", "pickle"}
 ALLOWED = {
     "reading/files.py": "the door",
     "data/result_file.py": "writes",
@@ -21,6 +21,7 @@ ALLOWED = {
     "formats/projects/folder.py": "a folder's names brought onto the disk",
     "compiled.py": "the package's own code",
     "detection/cache.py": "the package's own code",
+    "ros/side.py": "its own standard output",
     "cli/completion.py": "the shell's script, which it has just written",
 }
 

@@ -14,7 +14,7 @@ from tests.contracts.doors import TARGET, make_files
 from tests.contracts.doors_robots import ROBOT_CASES
 
 from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics
-from calibrant.cancel import Token, cancellable, checkpoint
+from calibrant.cancel import Token, answered, cancellable, checkpoint
 from calibrant.data import RobotPoses
 from calibrant.detection.pipeline import detect
 from calibrant.errors import CalibrantError, CancelledError
@@ -79,6 +79,18 @@ def cancelled_after(seconds: float, work: Callable[[], object]) -> float:
     finally:
         timer.cancel()
     return time.perf_counter() - asked[0]
+
+
+def test_a_task_that_ends_by_being_stopped_goes_on_with_what_it_has() -> None:
+    token = Token()
+    with cancellable(token):
+        token.cancel()
+        answered()
+        checkpoint()
+        token.cancel()
+        with pytest.raises(CancelledError):
+            checkpoint()
+    answered()
 
 
 def test_without_a_token_nothing_stops() -> None:

@@ -15,7 +15,6 @@ from typing import Annotated
 from calibrant.errors import InputError
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.live.camera_config import read_config
-from calibrant.tasks.live.recorded import check_session
 from calibrant.tasks.options.option import Option
 from calibrant.tasks.outcome import Outcome
 
@@ -46,6 +45,8 @@ def reads(request: Request) -> list[Path]:
 
 def run(request: Request, listener: Listener = SILENT) -> Outcome:
     """All nodes until they end. Raises: InputError for configurations that cannot be used, and where a node failed."""
+    from calibrant.tasks.live.recorded import check_session
+
     configs = [read_config(path, window=request.window) for path in request.configs]
     for what, values in (("name", [c.name for c in configs]), ("session", [str(c.session) for c in configs])):
         twice = next((value for value in values if values.count(value) > 1), None)

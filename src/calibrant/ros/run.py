@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
+from calibrant.cancel import answered
 from calibrant.errors import InputError
-from calibrant.ros.bridge import Bridge
-from calibrant.ros.calibrating import Calibrating
-from calibrant.ros.node import Node, Surroundings
-from calibrant.ros.tracking import Tracking
-from calibrant.ros.transport import Transport
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.live.camera_config import CameraConfig, read_config
-from calibrant.tasks.live.recorded import check_session
 from calibrant.tasks.options.option import Option
 from calibrant.tasks.outcome import Outcome
+
+if TYPE_CHECKING:
+    from calibrant.ros.transport import Transport
 
 EXAMPLE = 'cb.ros_run("wrist.yaml")'
 
@@ -48,6 +46,9 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
 
     Raises: InputError for a configuration that cannot be used, and where ROS cannot be reached.
     """
+    from calibrant.ros.bridge import Bridge
+    from calibrant.tasks.live.recorded import check_session
+
     if request.window is not None and request.window < 1:
         raise InputError(f"--window {request.window}: expected 1 view or more")
     config = read_config(request.config, window=request.window)
@@ -57,11 +58,16 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
 
 def serve(config: CameraConfig, transport: Transport, listener: Listener = SILENT) -> Outcome:
     """The node on any transport, which is closed at the end."""
+    from calibrant.ros.calibrating import Calibrating
+    from calibrant.ros.node import Node, Surroundings
+    from calibrant.ros.tracking import Tracking
+
     around = Surroundings(config, transport, listener)
     work = Calibrating(around) if config.through is None else Tracking(around, config.through)
     try:
         Node(around, work, repeats=config.through is not None).run()
     except KeyboardInterrupt:  # a node has no end of its own: this is how a person says that it is enough
+        answered()
         listener.note("Stopped.")
     finally:
         transport.close()

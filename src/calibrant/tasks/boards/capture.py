@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from calibrant.cancel import checkpoint
+from calibrant.cancel import answered, checkpoint
 from calibrant.errors import InputError, RefusedError
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.choices import MODELS
@@ -96,6 +96,7 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
             if worst is not None and worst <= goal_px and not wanting:
                 break
     except KeyboardInterrupt:  # a camera has no end of its own: this is how a person says that it is enough
+        answered()
         listener.note("Stopped; calibrating from the views taken so far.")
     try:
         result = taken.result or _final(taken.views, taken.size, board.spec, request.model, state)

@@ -114,6 +114,13 @@ def test_without_scripts_everything_but_the_drawings_stays(fifty: CalibrationRes
     assert page.count("<tr>") > 50
 
 
+def test_drawings_bring_their_colours_where_the_page_gives_none(fifty: CalibrationResult) -> None:
+    page = printed._coloured(report_page(fifty, still=True))
+    first = page[page.index("<svg") :]
+    assert ".cell {  fill: #1f6fb2;" in first[: first.index("</style>")]
+    assert "var(" not in first[: first.index("</style>")]
+
+
 @pytest.mark.long
 def test_weasyprint_prints_it_too(fifty: CalibrationResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("weasyprint", reason="the extra pdf is not installed")

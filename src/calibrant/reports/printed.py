@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import tempfile
@@ -64,16 +65,26 @@ def _by_browser(program: str, html: str) -> bytes:
 
 def _by_weasyprint(html: str) -> bytes:
     from weasyprint import HTML
+    from weasyprint.urls import URLFetcher
 
-    made: bytes = HTML(string=html, url_fetcher=_refused).write_pdf()
+    # Nothing but what the page holds is fetched.
+    made: bytes = HTML(string=_coloured(html), url_fetcher=URLFetcher(allowed_protocols=("data",))).write_pdf()
     return made
 
 
-def _refused(url: str, *args: object, **options: object) -> dict[str, object]:
-    """Nothing but what the page holds is fetched."""
-    from weasyprint import default_url_fetcher
+def _coloured(html: str) -> str:
+    """The page with the colours of its drawings in each of them: WeasyPrint gives a drawing no style of the page."""
+    style = re.search(r"<style>(.*?)</style>", html, re.DOTALL)
+    css = "" if style is None else re.sub(r"/\*.*?\*/", "", style.group(1), flags=re.DOTALL)
+    # The colours of light paper stand first, those of print and of dark screens below.
+    colours = dict(re.findall(r"--([\w-]+):\s*([^;}]+)", css[: css.find("}")]))
+    rules = "".join(
+        f"{selector.strip()} {{ {_resolved(body, colours)} }}\n"
+        for selector, body in re.findall(r"([^{}]+)\{([^{}]*)\}", css.partition("@page")[0])
+        if re.search(r"\b(fill|stroke)\b", body)
+    )
+    return re.sub(r"(<svg\b[^>]*>)", lambda found: f"{found.group(1)}<style>{rules}</style>", html)
 
-    if not url.startswith("data:"):
-        raise InputError(f"a report fetches nothing, asked for {url}")
-    fetched: dict[str, object] = default_url_fetcher(url)
-    return fetched
+
+def _resolved(body: str, colours: dict[str, str]) -> str:
+    return re.sub(r"var\(--([\w-]+)\)", lambda found: colours.get(found.group(1), "#000").strip(), body)

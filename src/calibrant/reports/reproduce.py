@@ -6,6 +6,7 @@ import platform
 import shlex
 from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import PureWindowsPath
 
 from calibrant.data import CalibrationResult
 from calibrant.reports.parts.blocks import Column, TextTable
@@ -13,16 +14,17 @@ from calibrant.version import __version__
 
 _PARTS = ("numpy", "scipy", "opencv-python-headless", "numba")
 """Libraries whose version may move the last digits."""
-_COMMANDS: Mapping[str, tuple[str, str]] = {
-    "intrinsics": ("intrinsics", ""),
-    "hand-eye": ("hand-eye", "--images"),
-    "pose": ("pose", ""),
-    "stereo": ("stereo", ""),
-    "rig": ("rig", ""),
-    "kinematics": ("kinematics", ""),
-    "projector": ("projector calibrate", ""),
+_COMMANDS: Mapping[str, str] = {
+    "intrinsics": "{photos}",
+    "hand-eye": "--images {photos}",
+    "pose": "{photos}",
+    "stereo": "--{camera} {photos}",
+    "rig": "--images {camera}={photos}",
 }
-"""The command of a kind, and the option of its photos; empty where they stand without one."""
+"""The options of a kind's photos, for each camera."""
+_NO_OPTIONS = {"stereo": frozenset({"reference"})}
+"""What a result keeps beside the options of its command."""
+_ENDINGS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".heic")
 _MOST_NAMED = 3
 
 
@@ -42,28 +44,32 @@ def reproduced(result: CalibrationResult) -> TextTable:
 
 
 def _command(result: CalibrationResult) -> str:
-    """The command with the options that the result keeps; where to get files is what was given then."""
-    if result.kind not in _COMMANDS:
+    """The command with the options that the result keeps; empty for a kind whose files the result does not tell apart.
+
+    Files stand as the result names them: in which folder they lie is for who runs it to say.
+    """
+    seen = result.observations
+    if result.kind not in _COMMANDS or seen is None:
         return ""
-    words, flag = _COMMANDS[result.kind]
-    views = result.observations.views if result.observations else ()
-    photos = {v.file for v in views if v.file}
-    names = [
-        str(i["file"]) for i in result.inputs if str(i.get("file", "")) in photos or _is_photo(str(i.get("file", "")))
-    ]
-    others = [str(i["file"]) for i in result.inputs if str(i.get("file", "")) not in names]
-    parts = ["calibrant", words, *([flag] if flag else []), *_named(names)]
+    parts = ["calibrant", result.kind]
+    cameras = list(dict.fromkeys(v.camera for v in seen.views))
+    given = [str(i["file"]) for i in result.inputs if "file" in i]
+    known = {PureWindowsPath(v.file).name for v in seen.views if v.file}
+    photos = [f for f in given if PureWindowsPath(f).name in known or f.lower().endswith(_ENDINGS)]
+    for camera in cameras:
+        mine = {PureWindowsPath(v.file or v.id).name for v in seen.views if v.camera == camera}
+        files = photos if len(cameras) == 1 else [f for f in photos if PureWindowsPath(f).name in mine]
+        if files:
+            parts.append(_COMMANDS[result.kind].format(camera=camera, photos=" ".join(_named(files))))
+    others = [f for f in given if f not in photos]
     if result.robot_poses is not None and others:
         parts += ["--poses", *_named(others)]
-    if result.observations is not None and result.observations.target:
-        parts += ["--target", shlex.quote(result.observations.target)]
+    if seen.target:
+        parts += ["--target", shlex.quote(seen.target)]
     for name, value in result.options.items():
-        parts += _option(name, value)
+        if name not in _NO_OPTIONS.get(result.kind, ()):
+            parts += _option(name, value)
     return " ".join(parts)
-
-
-def _is_photo(file: str) -> bool:
-    return file.lower().endswith((".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".heic"))
 
 
 def _named(files: list[str]) -> list[str]:

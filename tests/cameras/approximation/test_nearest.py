@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibrant.cameras import Camera
-from calibrant.cameras.approximation.nearest import in_words_of, nearest, nearest_of
+from calibrant.cameras.approximation.nearest import in_words_of, nearest, nearest_of, nearest_to_rays
 from calibrant.errors import InputError
 
 PLAIN = {"fx": 410.0, "fy": 412.0, "cx": 321.0, "cy": 237.0}
@@ -75,3 +75,31 @@ def test_the_covariance_goes_along() -> None:
 def test_models_that_see_nothing_of_it_are_refused() -> None:
     with pytest.raises(InputError, match="none of"):
         nearest_of(_camera("brown"), ())
+
+
+def test_a_term_that_is_lacking_stays_neutral() -> None:
+    camera = _camera("brown", k1=-0.2, k2=0.05, k3=0.02)
+    found = nearest(camera, "brown", lacks=("k3",))
+    assert found.camera.parameters["k3"] == 0
+    assert 0 < found.most_px < nearest(camera, "pinhole").most_px
+    assert nearest(_camera("brown", k1=-0.2), "brown", lacks=("k3",)).exact
+
+
+def test_a_camera_by_its_rays_is_found_again() -> None:
+    camera = _camera("kannala_brandt", k1=0.02, k2=-0.004)
+    uv = _pixels()
+    centre = np.array([320.0, 240.0])
+    found = nearest_to_rays(
+        uv, camera.unproject(uv), model="kannala_brandt", image_size=SIZE, focal_px=400.0, centre=centre
+    )
+    assert found.most_px < 1e-6
+    np.testing.assert_allclose(found.camera.values[:4], camera.values[:4], atol=1e-4)
+    with pytest.raises(InputError, match="sees nothing of what these pixels see"):
+        nearest_to_rays(uv, -camera.unproject(uv), model="pinhole", image_size=SIZE, focal_px=400.0, centre=centre)
+
+
+def test_a_spline_spans_the_image_whatever_its_width() -> None:
+    found = nearest(_camera("kannala_brandt", k1=0.02, k2=-0.004), "splined")
+    assert found.outside == 0
+    assert found.most_px < 0.05
+    assert in_words_of(found.camera, ("splined",)) is found.camera

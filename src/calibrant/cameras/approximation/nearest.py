@@ -120,14 +120,12 @@ def nearest_to_rays(
 
 
 def nearest_of(camera: Camera, models: Sequence[str], *, lacks: Lacks = NOTHING) -> Approximation:
-    """The nearest camera of several models: of those that show most of the image, the one with the lowest RMS; where
-    the camera's own model is among them and lacks but terms, that.
+    """The nearest camera of several models: of those that show most of the image, the one with the lowest RMS.
 
     Raises: InputError where none shares rays with the camera.
     """
     found: list[Approximation] = []
-    own = camera.model.name
-    for name in (own,) if own in models else models:
+    for name in models:
         with suppress(InputError):
             found.append(nearest(camera, name, lacks=lacks.get(name, ())))
     if not found:

@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from tests.formats.cameras.calibrators.rigs import assert_same, graph, rig, through
+from tests.formats.cameras.calibrators.rigs import assert_same, camera, graph, rig, through
 
+from calibrant.cameras.approximation.nearest import in_words_of
 from calibrant.errors import InputError
+from calibrant.formats.cameras.calibrators.kalibr import FORMAT
 from calibrant.formats.documents.document import Document
 from calibrant.formats.exchange.exchange_format import ReadOptions
 from calibrant.formats.exchange.read import format_of, read_any
@@ -177,14 +179,14 @@ def test_a_field_of_view_lens_is_read_as_the_nearest_and_says_by_how_much(tmp_pa
     node = "camera_model: pinhole, intrinsics: [300.0, 301.0, 370.0, 240.0], distortion_model: fov"
     file = put(tmp_path, f"cam0: {{{node}, distortion_coeffs: [0.93], resolution: [752, 480]}}\n")
     with heard() as notes:
-        camera = read_any(file).camera
+        found = read_any(file).camera
     (told,) = notes
     r = np.hypot(*POINT[:2]) / POINT[2]
     rd = np.arctan(2 * r * np.tan(0.93 / 2)) / 0.93
     by_hand = np.array([300, 301]) * rd / r * POINT[:2] / POINT[2] + [370, 240]
     assert "a fov lens is read as the nearest" in told
     most = float(told.split(" px at most")[0].rsplit(" ", 1)[1])
-    assert np.linalg.norm(camera.project(POINT) - by_hand) <= most < 0.05
+    assert np.linalg.norm(found.project(POINT) - by_hand) <= most < 0.05
     asked = read_any(file, ReadOptions(answers={"model": "rational"})).camera
     assert asked.model.name == "rational"
 
@@ -212,14 +214,8 @@ def test_what_contradicts_or_is_none_is_refused(tmp_path: Path, old: str, new: s
         read_any(put(tmp_path, IMUCAM.replace(old, new)))
 
 
-def test_a_term_that_kalibr_has_not_is_refused_or_brought_near(tmp_path: Path) -> None:
-    before = rig("brown", imu=False)
-    one = before.cameras["cam0"]
-    with_k3 = type(one).create("brown", one.parameters | {"k3": 0.004}, image_size=one.image_size)
-    before = type(before)("rig", "ok", cameras={"cam0": with_k3})
-    with pytest.raises(InputError, match=r"has no brown camera with k3 .cam0.; the nearest it has"):
-        through(before, tmp_path / "chain.yaml", "kalibr")
-    after = through(before, tmp_path / "chain.yaml", "kalibr", approximate=True).camera
-    assert after.parameters.get("k3", 0.0) == 0
-    uv = np.array([[300.0, 250.0], [640.0, 400.0], [900.0, 600.0]])
-    assert np.abs(after.project(with_k3.unproject(uv)) - uv).max() < 0.3
+def test_a_term_that_kalibr_has_not_is_not_written_silently() -> None:
+    with_k3 = camera("brown", k3=0.004)
+    assert in_words_of(with_k3, FORMAT.models, lacks=FORMAT.lacks) is None
+    assert in_words_of(camera("brown"), FORMAT.models, lacks=FORMAT.lacks) is not None
+    assert in_words_of(camera("unified", skew=0.3), FORMAT.models, lacks=FORMAT.lacks) is None

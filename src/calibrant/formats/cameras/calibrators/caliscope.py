@@ -20,7 +20,7 @@ from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, TransformEstimate, as_transform
 from calibrant.errors import InputError
-from calibrant.formats.cameras.calibrators.rigid import digits, finite, from_vector
+from calibrant.formats.cameras.calibrators.rigid import digits, finite, from_vector, quoted
 from calibrant.formats.cameras.camera_format import Size, whole_size
 from calibrant.formats.cameras.described import described_camera
 from calibrant.formats.cameras.opencv import distortion_coefficients
@@ -163,7 +163,7 @@ def _write_aniposelib(result: CalibrationResult, options: WriteOptions) -> bytes
     places = places_in(result, world_of(result, options.answers.get("world")), tuple(result.cameras))
     lines: list[str] = []
     for i, (name, camera) in enumerate(result.cameras.items()):
-        lines += [f"[cam_{i}]", f'name = "{name}"', *_lines(camera, places[name], options.unit_m or 1.0)]
+        lines += [f"[cam_{i}]", f"name = {quoted(name)}", *_lines(camera, places[name], options.unit_m or 1.0)]
         lines += ["fisheye = true", ""] if camera.model.name == "kannala_brandt" else [""]
     error = np.nan_to_num(result.rms_px or 0.0)
     return "\n".join([*lines, "[metadata]", "adjusted = false", f"error = {digits(error)}", ""]).encode()

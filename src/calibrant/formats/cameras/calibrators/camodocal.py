@@ -26,7 +26,7 @@ from calibrant.data import CalibrationResult, TransformEstimate, as_transform
 from calibrant.errors import InputError
 from calibrant.formats.cameras.calibrators.by_rays import ASKS
 from calibrant.formats.cameras.calibrators.polynomial import polynomial_camera
-from calibrant.formats.cameras.calibrators.rigid import digits, finite, from_matrix, from_quaternion
+from calibrant.formats.cameras.calibrators.rigid import digits, finite, from_matrix, from_quaternion, quoted
 from calibrant.formats.cameras.camera_format import placed_camera, single, whole_size
 from calibrant.formats.documents.document import Document
 from calibrant.formats.exchange.exchange_format import (
@@ -39,7 +39,7 @@ from calibrant.formats.exchange.exchange_format import (
 )
 from calibrant.formats.exchange.places import places_in, world_of
 from calibrant.geometry import se3
-from calibrant.reading.notes import note_unused
+from calibrant.reading.notes import note, note_unused
 
 _RADTAN = ("k1", "k2", "p1", "p2")
 _FULL = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
@@ -186,6 +186,9 @@ def _polynomial(data: Mapping[str, Any], size: tuple[int, int] | None, source: s
 def _write(result: CalibrationResult, options: WriteOptions) -> Written:
     if len(result.cameras) == 1:
         return _text(*next(iter(result.cameras.items())))
+    strange = next((name for name in result.cameras if set(name) & set('/\\:"')), None)
+    if strange is not None:
+        raise InputError(f"the camera {strange!r} gives its file its name, which cannot have / \\ : or quotes in it")
     places = places_in(result, world_of(result, options.answers.get("world")), tuple(result.cameras))
     blocks = ["\n".join([name, *(" ".join(map(digits, row)) for row in T[:3])]) for name, T in places.items()]
     files = {f"{name}_calib.yaml": _text(name, camera) for name, camera in result.cameras.items()}
@@ -194,6 +197,8 @@ def _write(result: CalibrationResult, options: WriteOptions) -> Written:
 
 def _text(name: str, camera: Camera) -> bytes:
     word = _WRITTEN[camera.model.name]
+    if word == "PINHOLE_FULL":
+        note(f"{name} is written as PINHOLE_FULL, which VINS-Fusion's camera models know and CamOdoCal's own do not")
     _, four, terms = _PARAMETERS[word]
     p = camera.parameters
     focal = {key: p[ours] for key, ours in zip(four, ("fx", "fy", "cx", "cy"))}
@@ -203,7 +208,7 @@ def _text(name: str, camera: Camera) -> bytes:
         groups |= {"projection_parameters": lens | focal}
     else:
         groups |= {"distortion_parameters": lens, "projection_parameters": focal}
-    lines = ["%YAML:1.0", "---", f"model_type: {word}", f'camera_name: "{name}"']
+    lines = ["%YAML:1.0", "---", f"model_type: {word}", f"camera_name: {quoted(name)}"]
     lines += [f"image_width: {camera.image_size[0]}", f"image_height: {camera.image_size[1]}"]
     for group, values in groups.items():
         lines += [f"{group}:", *(f"   {key}: {digits(value)}" for key, value in values.items())]

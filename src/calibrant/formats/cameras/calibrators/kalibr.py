@@ -28,7 +28,7 @@ from calibrant.formats.cameras.calibrators.chain import (
     chain_camera,
     is_chain_camera,
 )
-from calibrant.formats.cameras.calibrators.rigid import digits, finite, from_matrix, rows_text
+from calibrant.formats.cameras.calibrators.rigid import digits, finite, from_matrix, quoted, rows_text
 from calibrant.formats.documents.document import Document
 from calibrant.formats.exchange.exchange_format import (
     ExchangeFormat,
@@ -137,7 +137,12 @@ def _write(result: CalibrationResult, options: WriteOptions) -> bytes:
     lines: list[str] = []
     before: str | None = None
     for i, (name, camera) in enumerate(result.cameras.items()):
-        lines += [f"cam{i}:", *camera_lines(camera, "  "), "  cam_overlaps: []", f"  rostopic: /{name}/image_raw"]
+        lines += [
+            f"cam{i}:",
+            *camera_lines(camera, "  "),
+            "  cam_overlaps: []",
+            f"  rostopic: {quoted(f'/{name}/image_raw')}",
+        ]
         if imu is not None:
             lines += ["  T_cam_imu:", rows_text(graph.T(name, imu), "  "), *shift_line(result, name)]
         if before is not None:

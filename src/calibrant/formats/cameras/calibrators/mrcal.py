@@ -28,7 +28,7 @@ from calibrant.cameras import Camera, camera_model
 from calibrant.cameras.splined import FAMILY, Splined
 from calibrant.data import CalibrationResult, as_transform
 from calibrant.errors import InputError
-from calibrant.formats.cameras.calibrators.rigid import finite, from_vector
+from calibrant.formats.cameras.calibrators.rigid import finite, from_vector, quoted
 from calibrant.formats.cameras.camera_format import Size, placed_camera, size_or_refuse, whole_size
 from calibrant.formats.documents.document import Document
 from calibrant.formats.exchange.exchange_format import (
@@ -162,10 +162,10 @@ def _write(result: CalibrationResult, options: WriteOptions) -> bytes:
         "{",
         f"    'lensmodel':  '{lens}',",
         "",
-        f"    # fx fy cx cy, then the lens: {name}",
+        f"    # fx fy cx cy, then the lens: {quoted(name)}",
         f"    'intrinsics': [ {_numbers(values)}],",
         "",
-        f"    # rt_cam_ref, from {world} to {name}",
+        f"    # rt_cam_ref, from {quoted(world)} to {quoted(name)}",
         f"    'extrinsics': [ {_numbers(rt)}],",
         "",
         f"    'imagersize': [ {width}, {height},]",

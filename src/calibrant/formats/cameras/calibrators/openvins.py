@@ -20,7 +20,7 @@ from calibrant.formats.cameras.calibrators.kalibr import (
     shift_line,
     shifts_of,
 )
-from calibrant.formats.cameras.calibrators.rigid import from_matrix, rows_text
+from calibrant.formats.cameras.calibrators.rigid import from_matrix, quoted, rows_text
 from calibrant.formats.documents.document import Document
 from calibrant.formats.exchange.exchange_format import (
     ExchangeFormat,
@@ -60,7 +60,7 @@ def _write(result: CalibrationResult, options: WriteOptions) -> bytes:
     lines = ["%YAML:1.0", ""]
     for i, (name, camera) in enumerate(result.cameras.items()):
         lines += [f"cam{i}:", "  T_imu_cam:", rows_text(places[name], "    "), "  cam_overlaps: []"]
-        lines += [*camera_lines(camera, "  "), f"  rostopic: /{name}/image_raw", *shift_line(result, name)]
+        lines += [*camera_lines(camera, "  "), f"  rostopic: {quoted(f'/{name}/image_raw')}", *shift_line(result, name)]
     return ("\n".join(lines) + "\n").encode()
 
 

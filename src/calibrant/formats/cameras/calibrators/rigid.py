@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import numpy as np
@@ -63,6 +64,11 @@ def finite(value: Any, what: str) -> Array:
     if not np.all(np.isfinite(found)):
         raise InputError(f"{what} holds numbers that are not finite")
     return found
+
+
+def quoted(text: str) -> str:
+    """A name between quotes, as YAML, TOML and JSON read it."""
+    return json.dumps(text, ensure_ascii=False)
 
 
 def rows_text(T: Array, indent: str) -> str:

@@ -22,7 +22,7 @@ from calibrant.errors import InputError
 from calibrant.formats.cameras.calibrators.by_rays import ASKS
 from calibrant.formats.cameras.calibrators.chain import fov_camera
 from calibrant.formats.cameras.calibrators.kalibr import IMU, imu_frame
-from calibrant.formats.cameras.calibrators.rigid import digits, from_quaternion
+from calibrant.formats.cameras.calibrators.rigid import digits, from_quaternion, quoted
 from calibrant.formats.cameras.camera_format import matrix_parameters, numbers, whole_size
 from calibrant.formats.cameras.described import described_camera
 from calibrant.formats.cameras.fields import Fields
@@ -143,7 +143,7 @@ def _yaml(name: str, camera: Camera) -> bytes:
     lines = [
         f"image_width: {camera.image_size[0]}",
         f"image_height: {camera.image_size[1]}",
-        f"camera_name: {name}",
+        f"camera_name: {quoted(name)}",
         f"camera_matrix:\n  rows: 3\n  cols: 3\n  data: [{K}]",
         f"distortion_model: {'equidistant' if fisheye else 'plumb_bob'}",
         f"distortion_coefficients:\n  rows: 1\n  cols: {len(terms)}\n  data: [{D}]",

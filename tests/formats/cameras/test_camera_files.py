@@ -156,7 +156,7 @@ def test_the_size_of_the_images_must_be_that_of_the_camera(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        ({"a": 1, "b": 2}, "no camera in it; its keys are 'a', 'b'; formats read: calibrant, "),
+        ({"a": 1, "b": 2}, "no camera in it; its keys are 'a', 'b'; formats read: .*calibrant, "),
         ([1, 2], "expected keys and values"),
         ({"fx": "wide", "fy": 1, "cx": 1, "cy": 1, "width": 2, "height": 2}, "fx is .*'wide'.*, expected numbers"),
         ({"camera_matrix": {"data": [1, 2]}, "image_width": 2, "image_height": 2}, "2 numbers, expected 9"),

@@ -157,6 +157,19 @@ def test_bouguets_camera(tmp_path: Path) -> None:
     assert any("mm" in n for n in found.notes)
 
 
+def test_bouguets_pair_with_its_boards(tmp_path: Path) -> None:
+    sides = {f"{n}_{side}": BOUGUET[n] for n in ("fc", "cc", "kc", "alpha_c") for side in ("left", "right")}
+    sigma = {"fc_left_error": BOUGUET["fc_error"], "cc_left_error": BOUGUET["cc_error"]}
+    boards = {"omc_left_3": BOARD[0][:, None], "Tc_left_3": BOARD_MM[0][:, None], "kc_left_error": BOUGUET["kc_error"]}
+    pose = {"om": so3.log(R)[:, None], "T": T_MM[:, None], "R": R, "nx": 640.0, "ny": 480.0, "dX": 30.0}
+    found = cb.convert(saved(tmp_path, **sides, **sigma, **boards, **pose))
+    T = se3.inverse(found.transform("left", "right").matrix)
+    np.testing.assert_allclose(T, se3.make(R, 1e-3 * T_MM), atol=1e-12)
+    assert [(v.id, v.camera) for v in found.views] == [("3", "left")]
+    assert found.cameras["left"].sigma["fx"] == pytest.approx(0.1)
+    assert any("not used: dX" in n for n in found.notes)
+
+
 def test_bouguets_script(tmp_path: Path) -> None:
     lines = ["% Intrinsic and Extrinsic Camera Parameters", "%-- Focal length:"]
     for name, value in BOUGUET.items():

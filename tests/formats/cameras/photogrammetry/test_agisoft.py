@@ -104,6 +104,16 @@ def test_what_no_model_says_is_refused_with_its_error_or_brought_near(tmp_path: 
     assert any("px RMS" in n for n in found.notes)
 
 
+def test_its_covariance_comes_along(tmp_path: Path) -> None:
+    C = np.diag([4.0, 1.0, 1.0, 0.25, 1e-6, 1e-8])
+    C[0, 3] = C[3, 0] = 0.5
+    told = " ".join(map(repr, C.ravel().tolist()))
+    more = f"<covariance><params>f cx cy b1 k1 p1</params><coeffs>{told}</coeffs></covariance></sensor>"
+    camera = cb.convert(written(tmp_path, xml(FRAME).replace("</sensor>", more))).cameras["M3M (12.29mm)"]
+    assert camera.sigma["fx"] == pytest.approx(np.sqrt(4 + 0.25 + 2 * 0.5))
+    assert (camera.sigma["fy"], camera.sigma["p2"], camera.sigma["p1"]) == (2.0, pytest.approx(1e-4), 0.0)
+
+
 def test_one_calibration(tmp_path: Path) -> None:
     text = (
         "<calibration><projection>frame</projection><width>1920</width><height>1080</height><f>1430.15</f>"

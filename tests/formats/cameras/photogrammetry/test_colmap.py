@@ -110,9 +110,26 @@ def test_every_model_that_can_be_said(tmp_path: Path, line: str) -> None:
     assert {term: camera.parameters[term] for term in terms} == pytest.approx(terms)
 
 
+NEAR = {
+    "FOV 640 480 500 510 320 240 .9": (564.3963962031272, 90.42940552368614),
+    "THIN_PRISM_FISHEYE 640 480 400 410 320 240 .1 .01 .001 -.002 .02 .003 .001 -.0005": (505.7975633048882, 125.72307289347465),
+}
+"""Where COLMAP projects (0.5, -0.3, 1)."""
+
+
+@pytest.mark.parametrize("line", NEAR)
+def test_lenses_that_no_model_says_are_brought_near_on_request(tmp_path: Path, line: str) -> None:
+    (tmp_path / "cameras.txt").write_text(f"1 {line}\n")
+    found = cb.convert(tmp_path / "cameras.txt", answer=["approximate=yes"])
+    np.testing.assert_allclose(found.camera.project([0.5, -0.3, 1.0]) + 0.5, NEAR[line], atol=0.5)
+    assert any("px RMS" in n for n in found.notes)
+
+
 WRONG = {
-    "FOV 640 480 500 500 320 240 0.9": "FOV camera is a model",
-    "THIN_PRISM_FISHEYE 640 480 500 510 320 240 .1 .2 .001 0 .3 .4 0 0": "p1 0.001",
+    "FOV 640 480 500 500 320 240 0.9": "FOV camera is a model .* px RMS",
+    "FOV 640 480 500 500 320 240 -1": "omega",
+    "EQUIRECTANGULAR 640 480 640 480": "EQUIRECTANGULAR camera is a model",
+    "THIN_PRISM_FISHEYE 640 480 400 410 320 240 .1 .01 .001 0 .02 .003 0 0": "THIN_PRISM_FISHEYE camera .* px RMS",
     "OPENCV 640 480 500 500 320 240": "6 parameters|4 parameters",
     "PINHOLE 0 480 500 500 320 240": "image size",
     "PINHOLE 640 480 500 nan 320 240": "fy",

@@ -27,13 +27,18 @@ from calibrant.formats.documents.document import Document
 from calibrant.formats.exchange.exchange_format import ExchangeFormat, ReadOptions, WriteOptions, read_cameras
 from calibrant.formats.exchange.places import places_in
 from calibrant.geometry import se3, so3
-from calibrant.reading.notes import note
+from calibrant.reading.notes import note, note_unused
 
 _SIDES = ("left", "right")
 _TERMS = ("k1", "k2", "p1", "p2", "k3")
 _SIGMAS = 3.0
 _ASSIGNED = re.compile(r"^\s*([A-Za-z]\w*)\s*=\s*(\[[^\]]*\]|[-+.\deE]+)\s*;", re.MULTILINE)
 _MOST_VIEWS = 10_000
+_USED = re.compile(
+    r"^(?:(?:fc|cc|kc|alpha_c|KK)(?:_error)?(?:_(?:left|right))?(?:_error)?|nx|ny|om|T|R|omc_(?:left_)?\d+|Tc_(?:left_)?\d+"
+    r"|Rc_\d+|inv_KK|H_\d+)$"
+)
+"""What is read, and what follows from it."""
 
 
 def _matches(document: Document) -> bool:
@@ -64,10 +69,12 @@ def _values(document: Document) -> Mapping[str, Any]:
 
 def _read(document: Document, options: ReadOptions) -> CalibrationResult:
     source, values = str(document.path), _values(document)
+    note_unused(source, (name for name, value in values.items() if not _USED.match(name) and np.size(value)))
     if "fc_left" not in values:
         camera = _camera(values, "", options.image_size)
         return read_cameras({"camera": camera}, views=_views(values, options, source) if options.places else ())
     cameras = {side: _camera(values, f"_{side}", options.image_size) for side in _SIDES}
+    views = _views(values, options, source, "left") if options.places else ()
     if options.camera in cameras:
         cameras = {str(options.camera): cameras[str(options.camera)]}
     if not options.places or len(cameras) < 2:
@@ -78,7 +85,7 @@ def _read(document: Document, options: ReadOptions) -> CalibrationResult:
         off = so3.angle(T[:3, :3].T @ so3.nearest(values["R"]))
         if not off < 1e-6:
             raise InputError(f"om and R differ by {np.rad2deg(off):.3g} degrees; keep one")
-    return read_cameras(cameras, transforms=(as_transform(*_SIDES, se3.inverse(T)),))
+    return read_cameras(cameras, transforms=(as_transform(*_SIDES, se3.inverse(T)),), views=views)
 
 
 def _numbers(values: Mapping[str, Any], name: str, counts: tuple[int, ...]) -> Array:
@@ -98,7 +105,7 @@ def _camera(values: Mapping[str, Any], side: str, image_size: Size | None) -> Ca
     own = {"fx": fc[0], "fy": fc[1], "cx": cc[0], "cy": cc[1]} | terms | ({"skew": skew} if skew else {})
     size = whole_size(*(_numbers(values, n, (1,))[0] for n in ("nx", "ny"))) if "nx" in values else None
     camera = placed_camera(model, {name: float(v) for name, v in own.items()}, size, image_size)
-    errors = [np.ravel(values.get(f"{name}_error{side}", np.zeros(0))) for name in ("fc", "cc", "kc")]
+    errors = [np.ravel(values.get(f"{name}{side}_error", np.zeros(0))) for name in ("fc", "cc", "kc")]
     if skew or any(e.dtype.kind != "f" or e.size < 2 or not np.all(np.isfinite(e)) for e in errors):
         return camera
     three = dict(zip(("fx", "fy", "cx", "cy", *_TERMS), (float(v) for e in errors for v in e)))
@@ -114,19 +121,20 @@ def _unit(options: ReadOptions, source: str) -> float:
     return 1e-3
 
 
-def _views(values: Mapping[str, Any], options: ReadOptions, source: str) -> tuple[ViewResult, ...]:
+def _views(values: Mapping[str, Any], options: ReadOptions, source: str, side: str = "") -> tuple[ViewResult, ...]:
+    """Places of the boards; a pair's are the left camera's."""
+    mark = f"{side}_" if side else ""
+    numbers = sorted(int(m[1]) for name in values if (m := re.fullmatch(rf"omc_{mark}(\d{{1,4}})", name)))
     found = []
-    for i in range(1, _MOST_VIEWS):
-        turn, place = values.get(f"omc_{i}"), values.get(f"Tc_{i}")
-        if turn is None:
-            break
+    for i in numbers:
+        turn, place = values.get(f"omc_{mark}{i}"), values.get(f"Tc_{mark}{i}")
         if isinstance(turn, np.ndarray) and isinstance(place, np.ndarray) and turn.size == place.size == 3:
             pose = np.concatenate([turn.ravel(), place.ravel()])
             if np.all(np.isfinite(pose)):  # pictures that were not used have NaN
                 found.append((i, pose))
     unit = _unit(options, source) if found else 1.0
     return tuple(
-        ViewResult(str(i), True, 0, camera="camera", T_camera_target=se3.make(so3.exp(p[:3]), unit * p[3:]))
+        ViewResult(str(i), True, 0, camera=side or "camera", T_camera_target=se3.make(so3.exp(p[:3]), unit * p[3:]))
         for i, p in found
     )
 

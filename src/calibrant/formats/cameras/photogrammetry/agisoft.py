@@ -31,6 +31,8 @@ from calibrant.reading.notes import note, note_unused
 Element = ElementTree.Element
 _CORNER = 0.5
 _TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")
+_OURS = {"f": ("fx", "fy"), "b1": ("fx",), "b2": ("skew",), "p1": ("p2",), "p2": ("p1",)}
+"""Parameters of ours that move with Metashape's, where the name is not the same."""
 _ROUNDED = 1e-4
 _FRAME, _FISHEYE = "frame", ("fisheye", "equidistant_fisheye")
 _UNUSED = ("rolling_shutter", "corrections", "location", "rotation")
@@ -82,6 +84,7 @@ def _sensors(chunk: Element, cameras: dict[str, Camera], options: ReadOptions, s
             cameras[name] = _camera(adjusted[0], kind, options, sensor)
         except InputError as error:
             raise InputError(f"sensor {label!r}: {error}") from error
+        cameras[name] = _with_covariance(cameras[name], sensor)
         names[number] = name
         note_unused(f"{source}: {label}", (t for t in _UNUSED if sensor.find(f".//{t}") is not None))
     return names
@@ -142,6 +145,24 @@ def _camera(calibration: Element, kind: str, options: ReadOptions, sensor: Eleme
     return nearest_lens(
         _projection(plain, terms, skew, fisheye), models, start | {"skew": skew}, size, options, what=what, **widest
     )
+
+
+def _with_covariance(camera: Camera, sensor: Element) -> Camera:
+    """The camera with what <covariance> says of f, cx, cy, b1, b2 and the terms: fx is f + b1, p1 and p2 change places.
+
+    Raises: InputError where it is none.
+    """
+    at = sensor.find("covariance")
+    names = [] if at is None else (at.findtext("params") or "").split()
+    ours = camera.model.parameter_names
+    columns = [_OURS.get(name, (name,)) for name in names]
+    if at is None or not names or any(to not in ours for column in columns for to in column):
+        return camera
+    C = _numbers(at.findtext("coeffs"), len(names) ** 2, "the covariance").reshape(len(names), len(names))
+    J = np.zeros((len(ours), len(names)))
+    for i, column in enumerate(columns):
+        J[[camera.model.index(to) for to in column], i] = 1.0
+    return Camera(camera.model, camera.image_size, camera.values, J @ (C + C.T) @ J.T / 2)
 
 
 def _model(terms: set[str], skew: float, fisheye: bool) -> str | None:

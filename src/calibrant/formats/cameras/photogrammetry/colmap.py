@@ -17,6 +17,7 @@ import numpy as np
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, TransformEstimate, as_transform
 from calibrant.errors import InputError
+from calibrant.formats.cameras.foreign_lens import ASKS
 from calibrant.formats.cameras.photogrammetry.colmap_files import (
     CameraRow,
     ImageRow,
@@ -79,11 +80,11 @@ def _read(document: Document, options: ReadOptions) -> CalibrationResult:
     source = str(document.path)
     if not document.is_folder:
         rows = cameras_of_text(document.text) if document.text is not None else cameras_of_bytes(document.content)
-        return result_of(_cameras(rows, source), (), options)
+        return result_of(_cameras(rows, source, options), (), options)
     folder = _folder(document)
     if folder is None:
         raise InputError("no cameras.txt or cameras.bin in it, nor in sparse/0")
-    cameras = _cameras(_rows(folder, "cameras"), source)
+    cameras = _cameras(_rows(folder, "cameras"), source, options)
     if not options.places:
         return result_of(cameras, (), options)
     images, rigs = _rows(folder, "images"), _rows(folder, "rigs")
@@ -110,13 +111,13 @@ def _rows(folder: Document, what: str) -> list[Any]:
     return []
 
 
-def _cameras(rows: Sequence[CameraRow], source: str) -> dict[str, Camera]:
+def _cameras(rows: Sequence[CameraRow], source: str, options: ReadOptions) -> dict[str, Camera]:
     cameras: dict[str, Camera] = {}
     for row in rows:
         if str(row.number) in cameras:
             raise InputError(f"two cameras have the number {row.number}")
         try:
-            cameras[str(row.number)] = camera_of(row.model, row.width, row.height, row.values)
+            cameras[str(row.number)] = camera_of(row.model, row.width, row.height, row.values, options)
         except InputError as error:
             raise InputError(f"camera {row.number}: {error}") from error
     if not cameras:
@@ -204,5 +205,5 @@ FORMAT = ExchangeFormat(
     read=_read,
     write=_write,
     models=tuple(WRITTEN),
-    asks={"form": f"what is written: {' or '.join(_FORMS)}"},
+    asks={**ASKS, "form": f"what is written: {' or '.join(_FORMS)}"},
 )

@@ -5,13 +5,19 @@ Its pixels are counted from the image's corner: the middle of the first one is (
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.errors import InputError
 from calibrant.formats.cameras.camera_format import placed_camera, whole_size
+from calibrant.formats.cameras.foreign_lens import nearest_lens
+from calibrant.formats.exchange.exchange_format import ReadOptions, Size
 
+_PLAIN = ReadOptions()
 CORNER = 0.5
 """Where the middle of the first pixel lies when pixels are counted from the image's corner."""
 
@@ -67,7 +73,48 @@ WRITTEN = {
 """Which of COLMAP's models ours is written as: the first that holds all its terms."""
 
 
-def camera_of(name: str, width: object, height: object, values: Sequence[float]) -> Camera:
+def _fov(ray: Array, omega: float) -> Array:
+    """Devernay and Faugeras's lens: atan(2 r tan(omega/2)) / omega."""
+    x, y = ray[:, 0] / ray[:, 2], ray[:, 1] / ray[:, 2]
+    r = np.hypot(x, y)
+    return np.stack([x, y], axis=-1) * (np.arctan(2 * r * np.tan(omega / 2)) / (omega * np.where(r > 0, r, 1)))[:, None]
+
+
+def _prism_fisheye(ray: Array, terms: Mapping[str, float]) -> Array:
+    """An equidistant lens with tangential and prism terms at the angle."""
+    R = np.hypot(ray[:, 0], ray[:, 1])
+    scale = np.arctan2(R, ray[:, 2]) / np.where(R > 0, R, 1)
+    x, y = ray[:, 0] * scale, ray[:, 1] * scale
+    r2 = x * x + y * y
+    k1, k2, k3, k4, p1, p2 = (terms[name] for name in ("k1", "k2", "k3", "k4", "p1", "p2"))
+    g = 1 + r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * k4)))
+    u = x * g + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + terms["sx1"] * r2
+    v = y * g + 2 * p2 * x * y + p1 * (r2 + 2 * y * y) + terms["sy1"] * r2
+    return np.stack([u, v], axis=-1)
+
+
+def _nearest(name: str, terms: Mapping[str, float], size: Size, options: ReadOptions) -> Camera:
+    """Of the two lenses with equations here. Raises: InputError where that was not asked for."""
+    focal, centre = np.array([terms["fx"], terms["fy"]]), np.array([terms["cx"], terms["cy"]])
+
+    def project(rays: Array) -> Array:
+        plane = _fov(rays, terms["omega"]) if name == "FOV" else _prism_fisheye(rays, terms)
+        return plane * focal + centre
+
+    plain = {key: terms[key] for key in ("fx", "fy", "cx", "cy")}
+    start = plain if name == "FOV" else plain | {key: terms[key] for key in ("k1", "k2", "k3", "k4")}
+    if name == "FOV":
+        if not 0 < terms["omega"] < np.pi:
+            raise InputError(f"FOV's omega is {terms['omega']:g}, expected radians between 0 and pi")
+        gain = 2 * np.tan(terms["omega"] / 2) / terms["omega"]
+        start = plain | {"fx": plain["fx"] * gain, "fy": plain["fy"] * gain}
+    placed_camera("pinhole", plain, size, None)
+    return nearest_lens(project, ("kannala_brandt",), start, size, options, what=f"COLMAP's {name} camera")
+
+
+def camera_of(
+    name: str, width: object, height: object, values: Sequence[float], options: ReadOptions = _PLAIN
+) -> Camera:
     """The camera of COLMAP's model and parameters.
 
     Raises: InputError: a model that is not known or that none of ours can say, a wrong count, a size that is none.
@@ -79,10 +126,14 @@ def camera_of(name: str, width: object, height: object, values: Sequence[float])
         raise InputError(f"{name} has {len(values)} parameters, expected {len(model.terms)}: {', '.join(model.terms)}")
     given = dict(zip(model.terms, (float(v) for v in values)))
     bent = [f"{term} {given.pop(term):g}" for term in model.zero if given[term] != 0]
-    if model.ours is None or bent:
-        words = f" with {', '.join(bent)}" if bent else ""
+    if model.name == "FOV" or bent:
+        placed = {
+            key: value - CORNER if key in ("cx", "cy") else value for key, value in zip(model.terms, map(float, values))
+        }
+        return _nearest(model.name, placed, whole_size(width, height), options)
+    if model.ours is None:
         raise InputError(
-            f"COLMAP's {name} camera{words} is a model that calibrant does not have; let COLMAP estimate OPENCV, "
+            f"COLMAP's {name} camera is a model that calibrant does not have; let COLMAP estimate OPENCV, "
             "FULL_OPENCV or OPENCV_FISHEYE, or undistort the images (colmap image_undistorter)"
         )
     for term in model.zero:

@@ -125,6 +125,14 @@ def test_the_inverse_model_both_ways(tmp_path: Path, options: dict) -> None:
     np.testing.assert_allclose(camera.project([x, y, 1.0]), [386.7 * u + 326.66, 386.3 * v + 247.33], atol=0.02)
 
 
+def test_names_as_people_write_them(tmp_path: Path) -> None:
+    pose = {"rotation_row_major": R.tolist(), "translation_mm": (1e3 * T).tolist()}
+    value = {"serial": "12", "depth_intrinsics": stream(), "color_intrinsics": stream()}
+    found = cb.convert(written(tmp_path, value | {"depth_to_color_extrinsics": pose}))
+    np.testing.assert_allclose(se3.inverse(found.transform("depth", "color").matrix), se3.make(R, T), atol=1e-12)
+    assert any("not used: serial" in n for n in found.notes)
+
+
 def test_one_stream_alone_is_a_camera_of_named_values(tmp_path: Path) -> None:
     assert cb.convert(written(tmp_path, stream())).cameras["camera"].model.name == "brown"
 

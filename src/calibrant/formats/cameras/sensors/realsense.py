@@ -28,7 +28,7 @@ from calibrant.formats.cameras.sensors.realsense_prints import Extrinsics, camer
 from calibrant.formats.documents.document import Document
 from calibrant.formats.exchange.exchange_format import ExchangeFormat, ReadOptions, answer, read_cameras
 from calibrant.geometry import se3
-from calibrant.reading.notes import note
+from calibrant.reading.notes import note, note_unused
 
 _TERMS = ("k1", "k2", "p1", "p2", "k3")
 _FISHEYE = ("k1", "k2", "k3", "k4")
@@ -40,7 +40,7 @@ _MODELS = {
     "none": "brown",
 }
 _GENERIC = {"intrinsics", "intrinsic", "streams", "cameras", "camera", "calibration", "intrinsicparameters"}
-_PAIR = re.compile(r"^(\w+?)_(?:to|2)_(\w+)$")
+_PAIR = re.compile(r"^(?:extrinsics?_)?(\w+?)_(?:to|2)_(\w+?)(?:_extrinsics?)?$")
 _TURN = re.compile(r"^(rotation|r)(matrix|rowmajor|matrixrowmajor|columnmajor)?$")
 _SHIFT = re.compile(r"^(translation|t)(vector)?(m|mm|meters|metres|vectormeters)?$")
 _ROUNDED = 1e-4
@@ -99,12 +99,18 @@ def _read(document: Document, options: ReadOptions) -> CalibrationResult:
     else:
         lenses = {_name(path): lens for path, lens in _lenses(document.mapping)}
         pairs = list(_pairs(document.mapping, options, source)) if options.places else []
+        note_unused(source, (key for key, value in document.mapping.items() if not _is_used(str(key), value)))
     if options.camera in lenses:
         lenses = {str(options.camera): lenses[str(options.camera)]}
     cameras = {name: _camera(name, lens, options, source) for name, lens in lenses.items()}
     if not options.places or options.camera in lenses:
         return read_cameras(cameras)
     return read_cameras(cameras, transforms=_tree(pairs, list(cameras)))
+
+
+def _is_used(key: str, value: Any) -> bool:
+    """Whether a key holds a lens or extrinsics, at any depth."""
+    return next(_lenses({key: value}), None) is not None or _has_pair({key: value})
 
 
 def _name(path: tuple[str, ...]) -> str:

@@ -62,6 +62,7 @@ FORMATS: dict[str, Line] = {
     "ros2-launch": Line("transforms.launch_python", ("text",)),
     "moveit": Line("transforms.launch_python", read=False, attribute="MOVEIT_FORMAT"),
     "urdf-joint": Line("transforms.urdf_joint", ("xml",)),
+    "usd": Line("scenes.usd", ("text", "binary")),
     "blender": Line("scenes.blender", ("tree", "text")),
     "unity": Line("scenes.unity"),
     "coppelia": Line("scenes.coppelia"),

@@ -26,6 +26,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -311,7 +312,7 @@ def _exchanged_files(camera: Camera, T: np.ndarray) -> Iterator[tuple[str, bytes
     result = read_cameras(named, transforms=(as_transform("gripper", "camera", T),))
     for name in FORMATS:
         form = format_named(name)
-        if form.write is None or name.endswith("-pose"):
+        if form.write is None or name.endswith("-pose") or (name == "usd" and find_spec("pxr") is None):
             continue
         kept = {key: in_words_of(camera, form.models, lacks=form.lacks) if form.models else camera for key in named}
         if kept["camera"] is None:

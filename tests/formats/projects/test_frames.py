@@ -69,6 +69,9 @@ def test_a_camera_on_a_gripper_is_nowhere_in_the_base_and_shown_in_the_gripper()
     assert (left.relative_to, left.source) == ("ur_gripper", SOLVED)
     np.testing.assert_allclose(left.T, T_GRIPPER_LEFT, atol=1e-12)
     assert scene(cell()).place("top", "base").source == NOWHERE
+    rig = CalibrationResult("rig", "ok", transforms=(as_transform("left", "right", T_GRIPPER_LEFT),))
+    apart = Scene.of(cell(), [(replace(KEPT, robots=()), rig)])
+    assert [apart.place(name, "top").relative_to for name in ("left", "right")] == ["left", "left"]
 
 
 def test_the_frames_of_an_only_robot_have_two_names() -> None:

@@ -179,9 +179,9 @@ class Scene:
             return Place(name, kind, world, None, NOWHERE)
         group = [f for f in next(g for g in self.graph.groups() if frame in g) if not f.startswith(_BODY)]
         grippers = [f for f in group if f in self._grippers]
-        parent = world if world in group else next((f for f in [*grippers, *group] if f != frame), "")
-        if not parent or (parent != world and frame in grippers):
-            return Place(name, kind, world, None, NOWHERE)
+        parent = world if world in group else next(iter([*grippers, *group]))
+        if parent == frame:
+            return Place(name, kind, frame, np.eye(4), ITSELF)
         path = self.graph.path(parent, frame)
         steps = list(pairwise(path))
         sources = [self.given.get((a, b)) or self.given.get((b, a)) or SOLVED for a, b in steps]

@@ -168,6 +168,7 @@ def test_bytes_that_were_changed_raise_nothing_else(kind: str, tmp_path: Path) -
         ("run.mcap", b"#ROSBAG V2.0\n", "a bag of the kind .bag: rename it"),
         ("run.bag", b"#ROSBAG V1.2\n", "rosbag fix"),
         ("run.db3", b"", "empty"),
+        ("run.mcap", b"\x89MCAP0\r\n\x01" + bytes(8) + b"\4\0\0\0ros1" + bytes(90), "profile 'ros1', expected 'ros2'"),
     ],
 )
 def test_a_bag_that_is_something_else_is_named(name: str, content: bytes, message: str, tmp_path: Path) -> None:

@@ -107,3 +107,22 @@ def test_a_recorder_that_was_held_up_is_no_jump() -> None:
 
 def test_headers_without_times_are_the_recorders(tmp_path: Path) -> None:
     np.testing.assert_allclose(seconds_of([0] * 40, STEADY, what="x"), np.array(STEADY) * 1e-9)
+
+
+def test_two_parents_matter_on_the_way_alone(tmp_path: Path) -> None:
+    with written_bag(tmp_path, "mcap") as (path, writer):
+        for k in range(3):
+            writer.transforms("/tf", {("a", "b"): turned(0.1 * k), ("a", "part"): OUT}, 0.1 * k)
+            writer.transforms("/tf", {("b", "part"): OUT}, 0.1 * k + 0.05)
+    with opened(path) as bag:
+        found = read_tree(bag)
+    assert len(found.motion("a", "b").times) == 3
+    with pytest.raises(InputError, match="part has two parents, a and b, in turn"):
+        found.motion("a", "part")
+
+
+def test_a_circle_of_frames_is_refused(tmp_path: Path) -> None:
+    with written_bag(tmp_path, "ros1") as (path, writer):
+        writer.transforms("/tf", {("a", "b"): OUT, ("b", "a"): OUT}, 0.0)
+    with opened(path) as bag, pytest.raises(InputError, match="go in a circle"):
+        read_tree(bag).motion("a", "b")

@@ -12,6 +12,7 @@ METADATA = "metadata.yaml"
 """What stands beside the files of a ROS 2 bag, https://github.com/ros2/rosbag2 (rosbag2_storage)."""
 _HEADS = {".bag": b"#ROSBAG V2.0", ".mcap": b"\x89MCAP0\r\n", ".db3": b"SQLite format 3\0"}
 _OLD = b"#ROSBAG V1"
+_PROFILE = b"ros2"
 
 
 def is_bag(path: Path) -> bool:
@@ -72,6 +73,22 @@ def _check_file(bag: Path) -> None:
         raise InputError(f"bag {bag} is no {suffix} bag: {is_one}")
     if suffix == ".db3":
         _refuse_short(bag, head, size)
+    if suffix == ".mcap":
+        _refuse_other_profile(bag, head)
+
+
+def _refuse_other_profile(bag: Path, head: bytes) -> None:
+    """An MCAP file begins with a record that names its profile (https://mcap.dev/spec). Raises: InputError for another
+    than ROS 2's."""
+    length = int.from_bytes(head[17:21], "little")
+    profile = head[21 : 21 + length]
+    if len(head) < 100 or length > 40 or profile == _PROFILE:
+        return  # what is cut off or damaged its reader says
+    said = profile.decode("utf-8", "replace")
+    raise InputError(
+        f"bag {bag} is an MCAP recording of the profile {said!r}, expected 'ros2': of ROS 1 give the .bag file, of "
+        "others pictures and a table of poses"
+    )
 
 
 def _refuse_short(bag: Path, head: bytes, size: int) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -44,10 +44,11 @@ class Edge:
 
 @dataclass(frozen=True, eq=False)
 class Tree:
-    """Every transform of a bag, by child."""
+    """Every transform of a bag, by child; doubled: another parent of a child that has two, in turn."""
 
     source: str
     edges: Mapping[str, Edge]
+    doubled: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def frames(self) -> list[str]:
@@ -122,7 +123,12 @@ class Tree:
     def _ancestors(self, frame: str) -> list[str]:
         out = [frame]
         while out[-1] in self.edges:
-            parent = self.edges[out[-1]].parent
+            parent, other = self.edges[out[-1]].parent, self.doubled.get(out[-1])
+            if other is not None:
+                raise InputError(
+                    f"{self.source}: the frame {out[-1]} has two parents, {parent} and {other}, in turn; record with "
+                    "one publisher of it"
+                )
             if parent in out:
                 raise InputError(f"{self.source}: the frames {' to '.join([*out, parent])} go in a circle")
             out.append(parent)
@@ -152,16 +158,14 @@ def read_tree(bag: Bag) -> Tree:
             received.append(message.received_ns)
             values.append(_numbers(one.transform))
     edges: dict[str, Edge] = {}
+    doubled: dict[str, str] = {}
     for (parent, child, static), (stamps, received, values) in rows.items():
         before = edges.get(child)
         if before is not None and before.parent != parent:
-            raise InputError(
-                f"{source}: the frame {child} has two parents, {before.parent} and {parent}, in turn; record with one "
-                "publisher of it"
-            )
-        if before is None or before.static:  # what moves says more than what stood before
+            doubled[child] = parent
+        elif before is None or before.static:  # what moves says more than what stood before
             edges[child] = Edge(parent, child, static, tuple(stamps), tuple(received), _poses(values, child, source))
-    return Tree(source, edges)
+    return Tree(source, edges, doubled)
 
 
 def _numbers(transform: Any) -> list[float]:

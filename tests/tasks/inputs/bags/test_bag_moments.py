@@ -13,6 +13,7 @@ from tests.made_bags import KINDS, BagWriter, written_bag
 from calibrant.errors import InputError, MissingExtraError, RefusedError
 from calibrant.geometry import se3, so3
 from calibrant.geometry.motion import Motion
+from calibrant.robots.arms import arm
 from calibrant.tasks.inputs.bags.poses import PosedPictures, posed_pictures
 from calibrant.tasks.inputs.bags.sharpest import only_camera, taken_together
 from calibrant.tasks.inputs.bags.topics import recorded_pictures
@@ -70,6 +71,26 @@ def test_one_picture_of_every_still_moment_with_its_pose(kind: str, offset: floa
     assert tuple(f.name for f in recorded.files) == raw.names
     within = np.array([0.05 + 0.1 * int(n) for n in raw.names]) % (HOLD + MOVE)
     assert np.all((within > 0.3) & (within < 0.7))
+
+
+def test_joint_values_with_the_robot_are_its_poses(tmp_path: Path) -> None:
+    chain = arm("ur5e")
+    names = [joint.name for joint in chain.joints]
+    q = np.array([[0.3, -1.2, 1.0, -0.5, 1.4, 0.2]]) + 0.2 * np.arange(5)[:, None]
+    with written_bag(tmp_path, "sqlite3") as (bag, writer):
+        for k in range(450):
+            t = 0.02 * k
+            i, within = divmod(t, HOLD + MOVE)
+            share = max(0.0, (within - HOLD) / MOVE)
+            values = q[int(i)] + share * (0.2 if i < 4 else 0.0)
+            writer.joints("/joint_states", dict(zip(names, values)), t)
+            if k % 10 == 5:
+                writer.image("/camera/image_raw", SCENES[int(i)], t + 0.003, "mono8")
+    options = PosedBagOptions(bag=bag)
+    raw = posed_pictures(options, RobotOptions(robot="ur5e")).raw()
+    assert raw.joints is not None
+    np.testing.assert_allclose(raw.joints, q, atol=1e-6)
+    np.testing.assert_allclose(raw.translation, chain.forward(q)[:, :3, 3], atol=1e-6)
 
 
 def test_a_picture_that_goes_on_changing_is_left_out(tmp_path: Path) -> None:

@@ -176,24 +176,26 @@ def _checks(record: Comparison) -> list[Check]:
             text = f"only {percent(c.shared)} of the image of {name} is seen by both; the rest is not compared"
             out.append(Check(f"field-{name}", "warn", text, c.shared))
     for t in record.transforms:
-        none = np.linalg.norm(t.mm) < _SAME_MM and np.linalg.norm(t.deg) < _SAME_DEG
-        text = f"{t.parent} → {t.child}: {np.linalg.norm(t.mm):.3g} mm and {np.linalg.norm(t.deg):.3g} deg apart"
-        out.append(_judged(f"{t.parent}-{t.child}", text, t.chance, none=bool(none)))
+        name, frames = f"{t.parent}-{t.child}", f"{t.parent} → {t.child}"
+        mm, deg = float(np.linalg.norm(t.mm)), float(np.linalg.norm(t.deg))
+        if mm < _SAME_MM and deg < _SAME_DEG:
+            out.append(Check(name, "ok", f"{frames}: the same", t.chance))
+        else:
+            out.append(_judged(name, f"{frames}: {mm:.3g} mm and {deg:.3g} deg apart", t.chance))
     return out
 
 
 def _of_camera(c: CameraComparison, name: str) -> Check:
-    none = c.rotated_most_px < _SAME_PX
+    if c.rotated_most_px < _SAME_PX:
+        return Check(f"lens-{name}", "ok", f"{name}: the same over the whole image", c.chance)
     text = f"{name}: {c.rotated_rms_px:.3g} px RMS apart over the image, {c.rotated_most_px:.3g} px at most"
     if c.expected_px is not None:
         text += f"; the uncertainties make {c.expected_px:.3g} px"
-    return _judged(f"lens-{name}", text, c.chance, none=none)
+    return _judged(f"lens-{name}", text, c.chance)
 
 
-def _judged(name: str, text: str, chance: float | None, *, none: bool) -> Check:
+def _judged(name: str, text: str, chance: float | None) -> Check:
     """Whether the uncertainties explain a difference; a difference without them is stated, not judged."""
-    if none:
-        return Check(name, "ok", f"{text}: the same", chance)
     if chance is None:
         return Check(name, "ok", f"{text}; one of the two states no uncertainty, so that nothing judges it")
     if chance < RARE:

@@ -17,6 +17,8 @@ from calibrant.reports.parts.numbers import plain, with_sigma
 if TYPE_CHECKING:
     from calibrant.diagnose.look import Look
 
+_NOTHING = 1e-6
+"""Pixels: what numbers in files are rounded to."""
 _MOST_PARAMETERS = 24
 """A splined model has hundreds: those that differ most are listed."""
 
@@ -38,7 +40,7 @@ def _headline(result: CalibrationResult) -> list[Fact]:
 
 
 def _px(value: float) -> str:
-    return f"{plain(value, digits=3)} px"
+    return f"{plain(value if value > _NOTHING else 0.0, digits=3)} px"
 
 
 def _length(value: Triple) -> float:

@@ -48,15 +48,36 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
 
     files = (request.first, request.second)
     pairs = [_pair(words) for words in request.camera] or None
-    found = compare_results(*(read_calibration(file) for file in files), names=names_of(files), cameras=pairs)
-    return Outcome(result=found)
+    return Outcome(result=compare_results(*read_both(files), names=names_of(files), cameras=pairs))
 
 
-def read_calibration(path: Path) -> CalibrationResult:
-    """A result of calibrant, or what any other program's file holds. Raises: InputError naming the file."""
+def read_both(files: tuple[Path, Path]) -> tuple[CalibrationResult, CalibrationResult]:
+    """Results of calibrant, or what other programs' files hold; a file that holds no image size is for the other's.
+
+    Raises: InputError naming the file.
+    """
     from calibrant.formats.exchange.read import read_any
 
-    return read_any(path)
+    try:
+        first = read_any(files[0])
+    except InputError as error:
+        second = read_any(files[1])
+        return _of_size(files[0], second, error), second
+    try:
+        return first, read_any(files[1])
+    except InputError as error:
+        return first, _of_size(files[1], first, error)
+
+
+def _of_size(path: Path, other: CalibrationResult, error: InputError) -> CalibrationResult:
+    """The file, of images as large as the other's. Raises: the error, where these are of several sizes, or none."""
+    from calibrant.formats.exchange.exchange_format import ReadOptions
+    from calibrant.formats.exchange.read import read_any
+
+    sizes = {camera.image_size for camera in other.cameras.values()}
+    if "image size" not in str(error) or len(sizes) != 1:
+        raise error
+    return read_any(path, ReadOptions(image_size=sizes.pop()))
 
 
 def names_of(files: tuple[Path, Path]) -> tuple[str, str]:

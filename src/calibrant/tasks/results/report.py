@@ -63,10 +63,9 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
 
 def _compared(found: CalibrationResult, file: Path, other: Path) -> CalibrationResult:
     from calibrant.diagnose.compare.results import compare_results
-    from calibrant.formats.exchange.read import read_any
-    from calibrant.tasks.results.compare import names_of
+    from calibrant.tasks.results.compare import names_of, read_both
 
-    return compare_results(found, read_any(other), names=names_of((file, other)))
+    return compare_results(found, read_both((file, other))[1], names=names_of((file, other)))
 
 
 def _refusal(result: CalibrationResult, work: WorkspaceOptions) -> RefusedError | None:

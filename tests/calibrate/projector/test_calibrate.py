@@ -144,6 +144,28 @@ def test_the_lens_shift_is_said() -> None:
     assert "outside the picture" in check.message
 
 
+def bent(bend_m: float, *, views: int) -> Observations:
+    """Views of a board that is bent along its length and said to be flat."""
+    pair, rng = example_pair(), np.random.default_rng(2)
+    poses = board_poses(pair, POINTS, views, rng, distance=(0.7, 1.1))
+    along = 2 * (POINTS[:, 0] - POINTS[:, 0].min()) / np.ptp(POINTS[:, 0]) - 1
+    real = POINTS + np.outer(bend_m * (1 - along**2), [0.0, 0.0, 1.0])
+    seen = carried_views(pair, real, poses, rng, corner_px=0.05, decoded_px=0.03)
+    return replace(seen, views=tuple(replace(v, points=POINTS) for v in seen.views))
+
+
+@pytest.mark.parametrize("views", [5, 8])
+def test_a_bent_board_is_named_first_with_how_much_is_left_of_the_bend(views: int) -> None:
+    """Too few captures to ask the photos of the camera alone: both eyes measure the board."""
+    first = calibrate_projector(bent(0.004, views=views)).checks[0]
+    assert (first.name, first.status) == ("board-flatness", "warn")
+    assert first.message.startswith("the board is bent: its corners, triangulated by camera and projector, are ")
+    assert 2.0 < first.value < 4.4
+    flat = calibrate_projector(bent(0.0, views=views)).checks[0]
+    assert (flat.name, flat.status) == ("board-flatness", "ok")
+    assert flat.value < 0.1
+
+
 def test_one_board_is_refused() -> None:
     seen = scene(example_pair(), 0, views=4)
     one = replace(seen, views=tuple(v for v in seen.views if v.camera == "camera" or v.id == "00"))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from calibrant.calibrate.cell.lit.board import flatness_check
 from calibrant.calibrate.reprojection.weak_terms import corner_reach, term_sigma
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Check, verdict_of
@@ -16,14 +17,18 @@ BESIDE = 2.0
 
 
 def with_projector_checks(
-    result: CalibrationResult, projectors: Collection[str], weak: Mapping[str, Sequence[str]]
+    result: CalibrationResult, projectors: Mapping[str, str], weak: Mapping[str, Sequence[str]]
 ) -> CalibrationResult:
-    """The result with what projectors are asked beside all else. weak: terms that the boards hardly told, by lens."""
+    """The result with what projectors are asked beside all else. projectors: the camera that sees each; weak: terms
+    that the boards hardly told, by lens."""
     if not projectors:
         return result
+    alone = len(projectors) == 1
+    boards = [flatness_check(result, camera=c, projector=p, alone=alone) for p, c in projectors.items()]
     terms = [_terms_check(name, result.cameras[name], terms) for name, terms in weak.items()]
-    shifts = [_shift_check(name, result.cameras[name], alone=len(projectors) == 1) for name in projectors]
-    checks = (*result.checks, *terms, *shifts)
+    shifts = [_shift_check(name, result.cameras[name], alone=alone) for name in projectors]
+    # The boards first, before what bent ones make of lenses.
+    checks = (*(b for b in boards if b is not None), *result.checks, *terms, *shifts)
     return replace(result, checks=checks, verdict=verdict_of(checks))
 
 

@@ -306,8 +306,23 @@ def _picture_files() -> Iterator[tuple[str, bytes]]:
         yield f"i{suffix}", cv2.imencode(suffix, image)[1].tobytes()
 
 
+OCAM = b"""#polynomial coefficients for the DIRECT mapping function
+5 -2.065170e+02 0.0 2.207161e-03 -4.879622e-06 1.865656e-08
+#inverse
+4 294.182260 152.289570 -12.191217 27.959546
+#center
+241.800066 394.552874
+#affine
+1.000330 0.000219 0.000257
+#image size
+480 752
+"""
+"""What OCamCalib writes, which is read and not written."""
+
+
 def _exchanged_files(camera: Camera, T: np.ndarray) -> Iterator[tuple[str, bytes]]:
     """A camera in a robot's hand in every format that is one file and written."""
+    yield "ocam.txt", OCAM
     named = {"camera": camera}
     result = read_cameras(named, transforms=(as_transform("gripper", "camera", T),))
     for name in FORMATS:

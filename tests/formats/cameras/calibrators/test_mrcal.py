@@ -18,6 +18,7 @@ from calibrant.formats.cameras.calibrators.mrcal import FORMAT
 from calibrant.formats.exchange.exchange_format import ReadOptions, WriteOptions
 from calibrant.formats.exchange.read import read_any
 from calibrant.geometry import se3
+from calibrant.reading.notes import heard
 
 # Of mrcal's own test/data/cam0.opencv8.cameramodel (version 1): its comments, its trailing commas.
 OLD = """# generated on 2019-01-01
@@ -85,6 +86,18 @@ def test_a_file_of_mrcals_own(tmp_path: Path) -> None:
     by_hand = X * np.cos(a) + np.cross(k, X) * np.sin(a) + k * (k @ X) * (1 - np.cos(a)) + t
     T_cam_ref = np.linalg.inv(found.transform("reference", "cam0").matrix)
     np.testing.assert_allclose(T_cam_ref[:3, :3] @ X + T_cam_ref[:3, 3], by_hand, atol=1e-12)
+
+
+def test_the_inputs_that_mrcal_packs_beside_are_noted_and_bombs_are_refused(tmp_path: Path) -> None:
+    file = tmp_path / "cam0.cameramodel"
+    packed = "'optimization_inputs': b'" + "P)h>@6aWAK2mk;8Apit<8ve" * 200_000 + "',\n    'imagersize'"
+    file.write_text(OLD.replace("'imagersize'", packed))
+    with heard() as notes:
+        assert read_any(file).camera.model.name == "rational"
+    assert any("not used: optimization_inputs" in note for note in notes)
+    file.write_text(OLD.replace("'imagersize'", "'bomb': [" + "[]," * 1_000_000 + "],\n    'imagersize'"))
+    with pytest.raises(InputError, match=r"cam0\.cameramodel: 3 MB of text, expected 2 MB at most"):
+        read_any(file)
 
 
 @pytest.mark.parametrize("name", list(LENSES))

@@ -58,14 +58,19 @@ _WRITTEN = {"pinhole": "PINHOLE", "brown": "OPENCV5", "rational": "OPENCV8", "th
 _EXTRINSICS = ("extrinsics", "rt_cam_ref", "rt_fromref", "extrinsics_rt_fromref")
 _LENS = ("lensmodel", "lens_model", "distortion_model")
 """The key's names over the years."""
-_MOST = 100_000_000
+_MOST = 2_000_000
+"""Characters, the packed inputs of the optimisation aside: a spline of 100x100 points has a fifth of it."""
+_HEAD = 65_536
+"""Characters within which the lens stands, after the comments."""
+_PACKED = re.compile(r"b'[^'\\\n]*'")
+"""mrcal's own optimization_inputs: base 85 of megabytes, which say nothing of the camera beyond it."""
 _SHOWN = 60
 
 
 def _matches(document: Document) -> bool:
     text = document.text or ""
     start = re.sub(r"^\s*#[^\n]*$", "", text[:4096], flags=re.MULTILINE).lstrip()
-    return start.startswith("{") and re.search(r"['\"](?:LENSMODEL|DISTORTION)_[A-Z]", text[:_MOST]) is not None
+    return start.startswith("{") and re.search(r"['\"](?:LENSMODEL|DISTORTION)_[A-Z]", text[:_HEAD]) is not None
 
 
 def _read(document: Document, options: ReadOptions) -> CalibrationResult:
@@ -96,7 +101,7 @@ def _read(document: Document, options: ReadOptions) -> CalibrationResult:
 
 def _parsed(document: Document) -> Mapping[str, Any]:
     """The dictionary. Raises: InputError for text that is none, or is larger than any model's."""
-    text = document.text or ""
+    text = _PACKED.sub("b''", document.text or "")
     if len(text) > _MOST:
         raise InputError(f"{len(text) / 1e6:.0f} MB of text, expected {_MOST / 1e6:.0f} MB at most")
     try:

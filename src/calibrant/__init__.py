@@ -164,7 +164,10 @@ def __getattr__(name: str) -> Any:
     module, attribute = _PUBLIC[name]
     found = import_module(module)
     value = getattr(found, attribute) if attribute else found
-    if callable(value) and not isinstance(value, type) and module != "calibrant.tasks.verbs":
+    called = getattr(value, "__name__", name)
+    if called != name and called in _PUBLIC:
+        value = __getattr__(called)  # an older name of the same function
+    elif callable(value) and not isinstance(value, type) and module != "calibrant.tasks.verbs":
         from calibrant.advice import python_door
 
         value = python_door(value, name)

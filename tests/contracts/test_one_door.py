@@ -20,6 +20,7 @@ ALLOWED = {
     "formats/projects/lock.py": "a lock, in which who holds it stands",
     "formats/projects/folder.py": "a folder's names brought onto the disk",
     "compiled.py": "the package's own code",
+    "executors.py": "the script that runs, which Python has read already",
     "detection/cache.py": "the package's own code",
     "ros/side.py": "its own standard output",
     "cli/completion.py": "the shell's script, which it has just written",
@@ -46,7 +47,8 @@ def openings(file: Path) -> Iterator[tuple[int, str]]:
                 "np",
                 "numpy",
             )
-            if not inside_archive and not numpys and of not in OF_OTHERS:
+            inside_stream = any(k.arg == "fileobj" for k in node.keywords)
+            if not inside_archive and not inside_stream and not numpys and of not in OF_OTHERS:
                 yield node.lineno, called.attr
         elif isinstance(called, ast.Name) and called.id in OPENS - door:
             yield node.lineno, called.id

@@ -311,7 +311,7 @@ def test_observations_file_round_trip(tmp_path: Path) -> None:
 def test_an_existing_file_is_replaced_only_by_force(tmp_path: Path) -> None:
     path = tmp_path / "r.json"
     path.write_text("mine")
-    with pytest.raises(InputError, match=r"r\.json exists already.*--force"):
+    with pytest.raises(InputError, match=r"r\.json exists already.*force=True"):
         write_result(full_result(), path)
     assert path.read_text() == "mine"
     write_result(full_result(), path, force=True)

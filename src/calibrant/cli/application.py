@@ -23,7 +23,7 @@ OPTIONS = (*HELP, "--version", "--install-completion")
 ORDER = (
     *("demo", "target", "detect", "capture", "intrinsics", "stereo", "rig", "projector", "hand-eye", "pose", "doctor"),
     *("kinematics", "next-pose", "time-offset", "dynamic", "vanishing", "undistort", "rectify", "depth", "epipolar"),
-    *("point", "scan", "report", "compare", "convert", "verify", "tool", "ros", "study"),
+    *("point", "scan", "report", "compare", "convert", "project", "verify", "tool", "ros", "study"),
 )
 """How the list of commands is sorted: as a person meets them. All are in it."""
 INTERRUPTED = "interrupted; no result was written"

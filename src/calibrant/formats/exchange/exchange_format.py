@@ -19,8 +19,6 @@ from calibrant.errors import InputError
 from calibrant.formats.documents.document import Document
 
 Size = tuple[int, int]
-KIND = "cameras"
-"""The kind of a result that was read from another program's file."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +91,7 @@ def read_cameras(
     **more: Any,
 ) -> CalibrationResult:
     """The result that a reader returns."""
-    return CalibrationResult(KIND, "ok", cameras=dict(cameras), transforms=transforms, views=views, **more)
+    return CalibrationResult("cameras", "ok", cameras=dict(cameras), transforms=transforms, views=views, **more)
 
 
 def one_camera(result: CalibrationResult) -> tuple[str, Camera]:

@@ -74,7 +74,7 @@ def photo(T_camera_target: np.ndarray, seed: int) -> np.ndarray:
 def message(topic: str, grey: np.ndarray, stamp: float) -> Picture:
     height, width = grey.shape
     frame = topic.split("/")[1] + "_optical"
-    return Picture(topic, stamp, frame, width, height, "mono8", width, grey.tobytes())
+    return Picture(topic, stamp, frame, width, height, "mono8", width, grey.ravel())
 
 
 def info(topic: str = "/wrist/camera_info") -> Info:
@@ -139,6 +139,7 @@ def test_a_wrist_camera_is_sampled_calibrated_and_published(tmp_path: Path) -> N
     ]  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("above", "name"), [("wrist_link", "wrist_link"), ("tool0", "wrist_optical_calibrated")])
 def test_the_frame_that_tf_knows_is_placed_by_its_top(tmp_path: Path, above: str, name: str) -> None:
     A, seen = stands(8)
@@ -153,6 +154,7 @@ def test_the_frame_that_tf_knows_is_placed_by_its_top(tmp_path: Path, above: str
     assert se3.deviation(X, T)[0] < 1.0
 
 
+@pytest.mark.long
 def test_a_refusal_asks_for_more_samples(tmp_path: Path) -> None:
     """Stands that differ by shifts alone determine no place; turned ones that follow do."""
     A, seen = stands(11)
@@ -174,6 +176,18 @@ def test_no_pose_names_the_frames_that_there_are(tmp_path: Path) -> None:
     assert heard.notes == ["no pose of tool0 in base at the pictures' time; frames in tf: arm in world"]
 
 
+def test_a_damaged_picture_is_passed_over(tmp_path: Path) -> None:
+    bad = Picture("/wrist/image", 100.5, "wrist_optical", 480, 360, "mono8", 480, np.zeros(9, np.uint8))
+    stand = [Transform("base", "tool0", np.eye(4), 100 + i * RATE_S, False) for i in range(21)]
+    good = message("/wrist/image", np.full((360, 480), 128, np.uint8), 100.9)
+    heard = Heard()
+    serve(config(tmp_path), Played(iter([stand, [bad], [good]])), heard)
+    assert [n.split(";")[0] for n in heard.notes] == [
+        "/wrist/image: 9 bytes in rows of 480 are no 480x360 px of mono8", "no board",
+    ]  # fmt: skip
+
+
+@pytest.mark.long
 def test_a_camera_beside_the_robot_is_tracked_and_followed(tmp_path: Path) -> None:
     """Through the wrist camera's own result; moved in the middle, its old views are left out."""
     A, seen = stands(8)

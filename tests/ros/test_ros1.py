@@ -104,9 +104,9 @@ def test_the_camera_of_a_running_robot_comes_on_tf_static(ros: dict[str, str], t
     assert (tmp_path / "session" / "result.json").exists()
 
 
-def test_without_a_master_the_message_says_so(
-    ros: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.long
+@pytest.mark.usefixtures("ros")
+def test_without_a_master_the_message_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:9")
     config = CameraConfig(
         name="wrist", ros=1, image="/i", base="base", tool="tool0", target=TARGET, session=tmp_path / "s"

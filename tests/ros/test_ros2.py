@@ -82,6 +82,14 @@ def test_what_is_published_reaches_ros_2(tmp_path: Path, log: Path) -> None:
     }  # fmt: skip
 
 
+def test_a_ros_that_ends_is_said(tmp_path: Path, log: Path) -> None:
+    bridge = Bridge(config(tmp_path))
+    heard(bridge, 4)
+    bridge._process.kill()
+    with pytest.raises(InputError, match="ROS 2 ended: its process is gone; is it still running"):
+        heard(bridge, 1)
+
+
 def test_a_python_without_ros_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=rf"ROS 2 by {sys.executable}: ModuleNotFoundError: .*rclpy"):
         Bridge(config(tmp_path, python=sys.executable))

@@ -37,7 +37,7 @@ class Bridge:
         self._pictures: dict[str, deque[Picture]] = {t: deque(maxlen=KEPT_PICTURES) for t in config.pictures}
         self._others: deque[Event] = deque(maxlen=_KEPT_TRANSFORMS)
         self._changed = threading.Condition()
-        self._ended = False
+        self._ended = self._closed = False
         self._failed: str | None = None
         self._ready = threading.Event()
         self._out = threading.Lock()
@@ -72,7 +72,13 @@ class Bridge:
             self._others.clear()
             for queue in self._pictures.values():
                 queue.clear()
-            return None if self._ended and not found else found
+            if found or not self._ended:
+                return found
+            if self._closed:
+                return None
+            raise InputError(
+                f"ROS {self._config.ros} ended: {self._failed or 'its process is gone'}; is it still running?"
+            )
 
     def publish_static(self, transform: Transform) -> None:
         """As `Transport.publish_static`."""
@@ -90,6 +96,7 @@ class Bridge:
 
     def close(self) -> None:
         """As `Transport.close`."""
+        self._closed = True
         with suppress(OSError):
             if self._process.stdin is not None:
                 self._process.stdin.close()
@@ -141,7 +148,8 @@ def _picture(header: Mapping[str, Any], payload: bytes) -> Picture:
     numbers = {key: int(header[key]) for key in ("width", "height", "step")}
     return Picture(
         topic=str(header["topic"]), stamp=float(header["stamp"]), frame=str(header["frame"]),
-        encoding=str(header["encoding"]), data=payload, big_endian=bool(header["big_endian"]), **numbers,
+        encoding=str(header["encoding"]), data=np.frombuffer(payload, np.uint8),
+        is_bigendian=bool(header["big_endian"]), format=str(header["format"]), **numbers,
     )  # fmt: skip
 
 

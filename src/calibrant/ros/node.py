@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from calibrant.arrays import Array
+from calibrant.errors import InputError
 from calibrant.ros.transport import Event, Info, Transform, Transport
 from calibrant.targets.registry import parse_target
 from calibrant.tasks.listener import SILENT, Listener
@@ -116,7 +117,11 @@ class Node:
     def _look(self, topic: str, picture: Picture, T_base_tool: Array) -> None:
         around = self.around
         config = around.config
-        grey = picture.grey()
+        try:
+            grey = picture.grey()
+        except InputError as error:  # one damaged picture of thousands: the next may be whole
+            around.say(str(error))
+            return
         motion = around.tf.moved(config.base, config.tool, picture.stamp, STILL_S)
         sampler, look = self._samplers[topic].look(grey, T_base_tool, motion)
         self._samplers[topic] = sampler

@@ -68,9 +68,10 @@ class Sender:
         header: dict[str, Any] = {"kind": "picture", "topic": topic, "stamp": stamp, "frame": message.header.frame_id}
         if hasattr(message, "encoding"):
             header |= {key: getattr(message, key) for key in ("width", "height", "encoding", "step")}
-            header["big_endian"] = bool(message.is_bigendian)
+            header |= {"big_endian": bool(message.is_bigendian), "format": ""}
         else:
             header |= {"width": 0, "height": 0, "encoding": "compressed", "step": 0, "big_endian": False}
+            header["format"] = str(message.format)
         self(header, bytes(message.data))
 
     def info(self, topic: str, message: Any) -> None:

@@ -71,7 +71,7 @@ def test_a_model_that_the_format_lacks_is_refused_with_the_error_of_the_nearest(
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"to": "nonsense"}, "unknown format 'nonsense'; formats: calibrant"),
+        ({"to": "nonsense"}, "unknown format 'nonsense'; formats: .*calibrant"),
         ({"to": "described"}, "is read, not written"),
         ({"to": "opencv", "transform": "a"}, "PARENT:CHILD, got 'a'"),
         ({"to": "opencv", "answer": ["index"]}, "NAME=VALUE, got 'index'"),

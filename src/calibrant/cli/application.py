@@ -21,7 +21,20 @@ ABOUT = "Calibrate cameras and robots, and prove it: from photos and robot poses
 HELP = ("--help", "-h")
 OPTIONS = (*HELP, "--version", "--install-completion")
 ORDER = (
-    *("demo", "target", "detect", "capture", "intrinsics", "stereo", "rig", "projector", "hand-eye", "pose", "doctor"),
+    *(
+        "demo",
+        "target",
+        "detect",
+        "capture",
+        "intrinsics",
+        "stereo",
+        "rig",
+        "projector",
+        "project",
+        "hand-eye",
+        "pose",
+        "doctor",
+    ),
     *("kinematics", "next-pose", "time-offset", "dynamic", "vanishing", "undistort", "rectify", "depth", "epipolar"),
     *("point", "scan", "report", "compare", "convert", "project", "verify", "tool", "ros", "study"),
 )

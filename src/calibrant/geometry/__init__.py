@@ -5,6 +5,7 @@ Its modules are `cb.geometry`, each loaded when it is named:
     so3, se3          rotations and rigid transforms as Lie groups: exp, log, mean, inverse, apply, adjoint
     rotations         matrices from and to Euler angles, quaternions, rotation vectors, axis and angle
     frames            `FrameGraph`: any frame relative to any other
+    motion            where a frame was at any time between the poses that were recorded
     projective        homographies, essential and fundamental matrices, epipolar lines and distances
     rectifying        the turns after which two cameras look the same way, side by side
     triangulation     points in space from the rays that see them
@@ -26,6 +27,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from calibrant.geometry import frames as frames
     from calibrant.geometry import grasp_equations as grasp_equations
+    from calibrant.geometry import motion as motion
     from calibrant.geometry import projective as projective
     from calibrant.geometry import rectifying as rectifying
     from calibrant.geometry import rotations as rotations
@@ -33,7 +35,10 @@ if TYPE_CHECKING:
     from calibrant.geometry import so3 as so3
     from calibrant.geometry import triangulation as triangulation
 
-__all__ = ["frames", "grasp_equations", "projective", "rectifying", "rotations", "se3", "so3", "triangulation"]
+__all__ = [
+    *("frames", "grasp_equations", "motion", "projective", "rectifying", "rotations", "se3", "so3"),
+    "triangulation",
+]
 
 
 def __getattr__(name: str) -> ModuleType:

@@ -22,7 +22,8 @@ def doubtful(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("given", "kind", "says"),
     [
-        (["hand-eye", "--json"], "usage", "--poses is missing"),
+        (["tool", "touch", "--json"], "usage", "--poses is missing"),
+        (["hand-eye", "--json"], "input", "poses"),
         (["hand-eye", "--json", "--jsn"], "usage", "did you mean --json?"),
         (["tool", "touch", "--poses", "nowhere.csv", "--json"], "input", "nowhere.csv"),
     ],

@@ -159,7 +159,12 @@ def corpus() -> dict[str, Kind]:
         "geometry": Kind((("g.yaml", _geometry()),), read_geometry),
         "picture": Kind(tuple(_picture_files()), picture_in_use),
         "exchange": Kind(tuple(_exchanged_files(camera, T[0])), lambda path: read_any(path, ReadOptions(unit_m=1.0))),
+        "foreign lens": Kind((("ocam.txt", OCAM),), _nearest_lens),
     }
+
+
+def _nearest_lens(path: Path) -> object:
+    return read_any(path, ReadOptions(answers={"approximate": "yes"}))
 
 
 def _points_in_use(path: Path) -> object:
@@ -322,7 +327,6 @@ OCAM = b"""#polynomial coefficients for the DIRECT mapping function
 
 def _exchanged_files(camera: Camera, T: np.ndarray) -> Iterator[tuple[str, bytes]]:
     """A camera in a robot's hand in every format that is one file and written."""
-    yield "ocam.txt", OCAM
     named = {"camera": camera}
     result = read_cameras(named, transforms=(as_transform("gripper", "camera", T),))
     for name in FORMATS:

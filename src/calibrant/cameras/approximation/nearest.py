@@ -37,6 +37,7 @@ _DEGENERATE = 1e-7
 Lacks = Mapping[str, tuple[str, ...]]
 """Terms that a model has here and not where it is to be said, by model: there they are neutral."""
 NOTHING: Lacks = {}
+NO_TERMS: Mapping[str, float] = {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,15 +103,26 @@ def nearest(camera: Camera, model: str, *, lacks: tuple[str, ...] = ()) -> Appro
 
 
 def nearest_to_rays(
-    uv: Array, rays: Array, *, model: str, image_size: tuple[int, int], focal_px: float, centre: Array
+    uv: Array,
+    rays: Array,
+    *,
+    model: str,
+    image_size: tuple[int, int],
+    focal_px: float,
+    centre: Array,
+    terms: Mapping[str, float] = NO_TERMS,
 ) -> Approximation:
     """The camera of `model` that sees pixels along given rays, of a lens that no model here has: a polynomial, a table.
 
     Args: uv (n, 2) px over the image, rays (n, 3) of any length; focal_px, centre (2,) px: scale at the axis and where
-    it meets the image, from which the fit starts. Raises: InputError where the model sees none of the rays.
+    it meets the image, from which the fit starts; terms: what is known better, by name, of those that the model has.
+    Raises: InputError where the model sees none of the rays.
     """
     kind = camera_model(_member(model, rays))
-    start = Camera(kind, image_size, kind.starting_values(focal_px, centre))
+    values = kind.starting_values(focal_px, centre)
+    for name in set(terms) & set(kind.parameter_names):
+        values[kind.index(name)] = terms[name]
+    start = Camera(kind, image_size, values)
     if not kind.valid(start.values, rays).any():
         raise InputError(f"a {model} camera sees nothing of what these pixels see")
     values = _fitted(start, uv, rays, np.array([name not in kind.gauge for name in kind.parameter_names]))

@@ -1,6 +1,9 @@
 """Lenses of other programs that none of our models says exactly: the nearest one of ours, and by how much it is off.
 
-minimise  sum_i |project(a, ray_i) - theirs(ray_i)|^2   over a, rays over the whole image
+One rule for every reader: such a lens is refused with the error in pixels of the nearest, and read as that one, the
+error noted, where the caller asks for it (`approximate=yes`, or `model=NAME`, which names the one to take).
+
+minimise  sum_i |project(a, ray_i) - uv_i|^2   over a, pixels and rays over the whole image
 """
 
 from __future__ import annotations
@@ -11,24 +14,33 @@ import numpy as np
 
 from calibrant.arrays import Array
 from calibrant.cameras import Camera
+from calibrant.cameras.approximation.nearest import GRID, Approximation, nearest_to_rays
 from calibrant.errors import InputError
-from calibrant.formats.exchange.exchange_format import ReadOptions, Size, answer
+from calibrant.formats.exchange.exchange_format import Size, answer
 from calibrant.reading.notes import note
 
-ASKS = {"approximate": "yes: take the nearest camera of ours where the file's model is none of them"}
+MODELS = ("kannala_brandt", "unified", "rational")
+ASKS = {
+    "approximate": "yes: take the nearest camera of ours where the file's model is none of them",
+    "model": f"likewise, and which model of ours it shall be ({', '.join(MODELS)}, …)",
+}
+_NEAR_ENOUGH_PX = 0.01
+"""Below what corners are found to; other models need not be tried."""
+_WIDEST_DEG = 120.0
+"""Angle from the axis up to which rays count: no lens is wider, and in dark corners a polynomial says nothing."""
 _RINGS, _SPOKES = 60, 48
 _WIDEST = 0.95
 """Of the angle to the side, for lenses that map a plane."""
-_STEPS = 60
-_SETTLED = 1e-9
+_FEWEST = 50
+"""Rays over the image; fewer do not hold a lens."""
 
 
-def nearest_lens(
+def nearest_by_projection(
     theirs: Callable[[Array], Array],
     models: Sequence[str],
     start: Mapping[str, float],
     size: Size,
-    options: ReadOptions,
+    answers: Mapping[str, str],
     *,
     what: str,
     widest: float = _WIDEST * np.pi / 2,
@@ -40,17 +52,85 @@ def nearest_lens(
     the error in pixels.
     """
     rays, uv = _seen(theirs, size, widest, np.array([start["cx"], start["cy"]]))
-    if len(rays) < 50:
+    if len(rays) < _FEWEST:
         raise InputError(f"{what} sees nothing of images of {size[0]}x{size[1]} px")
-    fitted = [_fitted(model, start, size, rays, uv) for model in models]
-    camera, rms, most = min(fitted, key=lambda f: f[1])
-    off = f"the nearest, {camera.model.name}, is off by {rms:.2g} px RMS and {most:.2g} px at most over the image"
-    if answer(options.answers, "approximate", ("yes", "no")) != "yes":
+    return _nearest(uv, rays, models, start, size, answers, what=what, where="the image")
+
+
+def nearest_by_rays(
+    rays_of: Callable[[Array], Array],
+    size: Size,
+    answers: Mapping[str, str],
+    *,
+    focal_px: float,
+    centre: Array,
+    what: str,
+) -> Camera:
+    """The same for a lens whose pixels (n, 2) have the rays `rays_of` (n, 3), NaN where there is none.
+
+    Args: focal_px, centre: scale at the axis and where it meets the image, px; what: the lens in words.
+    Raises: InputError where there are no rays, or where it was not asked for.
+    """
+    width, height = size
+    u, v = np.meshgrid(np.linspace(0, width - 1, GRID[0]), np.linspace(0, height - 1, GRID[1]))
+    uv = np.stack([u.ravel(), v.ravel()], axis=-1)
+    with np.errstate(all="ignore"):
+        rays = rays_of(uv)
+        angle = np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2])
+    seen = np.isfinite(rays).all(axis=-1) & (angle < np.deg2rad(_WIDEST_DEG))
+    if seen.sum() < len(uv) // 10 or not np.isfinite(focal_px) or focal_px <= 0:
+        raise InputError(f"{what} gives rays to {seen.mean():.0%} of the image; correct its terms")
+    start = {"fx": float(focal_px), "fy": float(focal_px), "cx": float(centre[0]), "cy": float(centre[1])}
+    where = "the image" if seen.all() else f"what it sees of the image within {_WIDEST_DEG:g} deg of the axis"
+    return _nearest(uv[seen], rays[seen], MODELS, start, size, answers, what=what, where=where)
+
+
+def _nearest(
+    uv: Array,
+    rays: Array,
+    models: Sequence[str],
+    start: Mapping[str, float],
+    size: Size,
+    answers: Mapping[str, str],
+    *,
+    what: str,
+    where: str,
+) -> Camera:
+    """The nearest, where it was asked for. Raises: InputError with its error where it was not."""
+    model, said = answer(answers, "model"), answer(answers, "approximate", ("yes", "no"))
+    best = _best(uv, rays, (model,) if model else models, start, size, what)
+    name = best.camera.model.name
+    off = f"off by {best.rms_px:.3g} px RMS and {best.most_px:.3g} px at most over {where}"
+    if best.outside:
+        off += f"; {best.outside:.2g} of that lies outside of the {name} camera"
+    if said == "no" or (said is None and model is None):
         raise InputError(
-            f"{what} is a model that calibrant does not have; {off}: take it with --answer approximate=yes"
+            f"{what} is a model that calibrant does not have; the nearest, {name}, is {off}: take it with "
+            "calibrant convert … --answer approximate=yes"
         )
-    note(f"{what} is a model that calibrant does not have: {off}")
-    return camera
+    note(f"{what} is read as the nearest {name} camera: {off}")
+    return best.camera
+
+
+def _best(
+    uv: Array, rays: Array, models: Sequence[str], start: Mapping[str, float], size: Size, what: str
+) -> Approximation:
+    """Of those that see most of it the one with the lowest RMS. Raises: InputError where none sees it."""
+    focal, centre = float(np.sqrt(abs(start["fx"] * start["fy"]))), np.array([start["cx"], start["cy"]])
+    fits: list[Approximation] = []
+    for name in models:
+        if fits and fits[-1].outside == 0 and fits[-1].rms_px < _NEAR_ENOUGH_PX:
+            break
+        try:
+            fits.append(
+                nearest_to_rays(uv, rays, model=name, image_size=size, focal_px=focal, centre=centre, terms=start)
+            )
+        except (InputError, np.linalg.LinAlgError):
+            if len(models) == 1:
+                raise
+    if not fits:
+        raise InputError(f"{what}: no model of {', '.join(models)} sees what it sees")
+    return min(fits, key=lambda fit: (round(fit.outside, 2), fit.rms_px))
 
 
 def _seen(theirs: Callable[[Array], Array], size: Size, widest: float, centre: Array) -> tuple[Array, Array]:
@@ -71,40 +151,3 @@ def _seen(theirs: Callable[[Array], Array], size: Size, widest: float, centre: A
     chosen[rings[::step]] = True
     kept &= chosen[:, None]
     return rays[kept], uv[kept]
-
-
-def _fitted(model: str, start: Mapping[str, float], size: Size, rays: Array, uv: Array) -> tuple[Camera, float, float]:
-    """Levenberg and Marquardt's method on all parameters of the model; its error, RMS and largest, pixels."""
-    from calibrant.cameras import camera_model
-
-    kind = camera_model(model)
-    own = {name: value for name, value in start.items() if name in kind.parameter_names}
-    camera = Camera.create(model, own, image_size=size)
-    values, damping = camera.values.copy(), 1e-4
-    cost = np.inf
-    for _ in range(_STEPS):
-        with np.errstate(all="ignore"):
-            found, _, J = kind.project_with_jacobians(values, rays)
-        e = np.where(np.isfinite(found), found - uv, 0.0).ravel()
-        A = np.where(np.isfinite(J), J, 0.0).reshape(-1, len(values))
-        cost = float(e @ e)
-        scale = np.linalg.norm(A, axis=0) + np.finfo(float).tiny
-        better = False
-        while not better and damping < 1e8:
-            B = np.vstack([A / scale, np.sqrt(damping) * np.eye(len(values))])
-            step = np.linalg.lstsq(B, np.concatenate([-e, np.zeros(len(values))]), rcond=None)[0] / scale
-            with np.errstate(all="ignore"):
-                tried = kind.project(values + step, rays) - uv
-            lower = float(np.sum(tried**2))
-            better = bool(np.isfinite(lower) and lower < cost)
-            damping = damping / 10 if better else damping * 10
-        if not better:
-            break
-        values = values + step
-        if cost - lower <= _SETTLED * cost:
-            break
-    best = Camera(kind, size, values)
-    away = np.linalg.norm(best.project(rays) - uv, axis=-1)
-    if not np.all(np.isfinite(away)):
-        return best, np.inf, np.inf
-    return best, float(np.sqrt(np.mean(away**2))), float(away.max())

@@ -28,17 +28,16 @@ from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, as_transform
 from calibrant.data.results import Measured
 from calibrant.errors import InputError
-from calibrant.formats.cameras.calibrators.by_rays import ASKS
 from calibrant.formats.cameras.calibrators.chain import fov_camera
 from calibrant.formats.cameras.calibrators.kalibr import IMU, SHIFT, imu_frame
 from calibrant.formats.cameras.calibrators.rigid import finite, from_quaternion
 from calibrant.formats.cameras.camera_format import Size, placed_camera, single, whole_size
+from calibrant.formats.cameras.foreign_lens import ASKS
 from calibrant.formats.documents.document import Document
 from calibrant.formats.exchange.exchange_format import (
     ExchangeFormat,
     ReadOptions,
     WriteOptions,
-    answer,
     read_cameras,
 )
 from calibrant.formats.exchange.places import places_in, world_of
@@ -84,12 +83,11 @@ def _read(document: Document, options: ReadOptions) -> CalibrationResult:
         raise InputError(f"{len(poses)} T_imu_cam and {len(entries)} intrinsics; expected one of each a camera")
     if len(sizes) not in (0, 1, len(entries)):
         raise InputError(f"{len(sizes)} resolutions for {len(entries)} cameras")
-    model = answer(options.answers, "model")
     names = [f"cam{i}" for i in range(len(entries))]
     cameras, unused = {}, [str(key) for key in body if key not in (*_KEYS, "cam_time_offset_ns")]
     for i, (name, entry) in enumerate(zip(names, entries)):
         pair = sizes[i if len(sizes) > 1 else 0] if sizes else None
-        cameras[name], left = _camera(entry, pair, options.image_size, f"{source}: {name}", model)
+        cameras[name], left = _camera(entry, pair, options.image_size, f"{source}: {name}", options.answers)
         unused += [f"{name}.{key}" for key in left]
     places = tuple(as_transform(IMU, name, _pose(pose, f"T_imu_cam of {name}")) for name, pose in zip(names, poses))
     note_unused(source, unused)
@@ -114,7 +112,9 @@ def _pose(pose: Any, what: str) -> np.ndarray:
     return from_quaternion(q, t, what)
 
 
-def _camera(entry: Any, pair: Any, size: Size | None, source: str, model: str | None) -> tuple[Camera, list[str]]:
+def _camera(
+    entry: Any, pair: Any, size: Size | None, source: str, answers: Mapping[str, str]
+) -> tuple[Camera, list[str]]:
     """The camera, and which of its keys were not used."""
     word = str(entry.get("camera_type")) if isinstance(entry, Mapping) else ""
     terms = entry.get("intrinsics") if isinstance(entry, Mapping) else None
@@ -134,7 +134,7 @@ def _camera(entry: Any, pair: Any, size: Size | None, source: str, model: str | 
         return placed_camera(ours, values, found, size), left
     if found is None and size is None:
         raise InputError(f"{source}: no resolution; say --image-size")
-    return fov_camera(values, values["w"], size=found or size or (0, 0), source=source, model=model), left
+    return fov_camera(values, values["w"], size=found or size or (0, 0), source=source, answers=answers), left
 
 
 def _write(result: CalibrationResult, options: WriteOptions) -> bytes:

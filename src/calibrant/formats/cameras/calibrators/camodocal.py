@@ -24,17 +24,16 @@ from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, TransformEstimate, as_transform
 from calibrant.errors import InputError
-from calibrant.formats.cameras.calibrators.by_rays import ASKS
 from calibrant.formats.cameras.calibrators.polynomial import polynomial_camera
 from calibrant.formats.cameras.calibrators.rigid import digits, finite, from_matrix, from_quaternion, quoted
 from calibrant.formats.cameras.camera_format import placed_camera, single, whole_size
+from calibrant.formats.cameras.foreign_lens import ASKS
 from calibrant.formats.documents.document import Document
 from calibrant.formats.exchange.exchange_format import (
     ExchangeFormat,
     ReadOptions,
     WriteOptions,
     Written,
-    answer,
     read_cameras,
 )
 from calibrant.formats.exchange.places import places_in, world_of
@@ -114,9 +113,9 @@ def _system(folder: Document, options: ReadOptions) -> CalibrationResult:
         if f"{name}_calib.yaml" not in folder.names:
             raise InputError(f"{_POSES} names the camera {name[:60]!r}, and there is no {name[:60]}_calib.yaml")
         file = Document(folder.path / f"{name}_calib.yaml")
-        cameras[name] = _camera(file, options)
         T = from_matrix([n for row in lines[i + 1 : i + 4] for n in row], f"{_POSES}: {name}")
         places.append(as_transform(_RIG, name, _right_handed(file, T, options)))
+        cameras[name] = _camera(file, options)
     return read_cameras(cameras, transforms=tuple(places))
 
 
@@ -152,7 +151,7 @@ def _camera(document: Document, options: ReadOptions) -> Camera:
     if "image_width" in data:
         found = whole_size(data["image_width"], data.get("image_height"))
     if "poly_parameters" in data:
-        return _polynomial(data, found or options.image_size, source, answer(options.answers, "model"))
+        return _polynomial(data, found or options.image_size, source, options.answers)
     mappings = [data.get(group) or {} for group in _GROUPS]
     if not all(isinstance(found, Mapping) for found in mappings):
         raise InputError(f"{source}: expected numbers by name under {', '.join(_GROUPS)}")
@@ -173,14 +172,16 @@ def _camera(document: Document, options: ReadOptions) -> Camera:
     return placed_camera(ours, values, found, options.image_size)
 
 
-def _polynomial(data: Mapping[str, Any], size: tuple[int, int] | None, source: str, model: str | None) -> Camera:
+def _polynomial(
+    data: Mapping[str, Any], size: tuple[int, int] | None, source: str, answers: Mapping[str, str]
+) -> Camera:
     poly, affine = (data[key] for key in _POLYNOMIAL)
     if size is None:
         raise InputError(f"{source}: no image_width and image_height; say --image-size")
     coefficients = finite([single(poly, f"p{i}") for i in range(len(poly))], "poly_parameters")
     ac, ad, ae, cx, cy = finite([single(affine, key) for key in ("ac", "ad", "ae", "cx", "cy")], "affine_parameters")
     A = np.array([[ac, ad], [ae, 1.0]])
-    return polynomial_camera(coefficients, A, np.array([cx, cy]), size=size, source=source, model=model)
+    return polynomial_camera(coefficients, A, np.array([cx, cy]), size=size, source=source, answers=answers)
 
 
 def _write(result: CalibrationResult, options: WriteOptions) -> Written:

@@ -24,10 +24,10 @@ import numpy as np
 from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.errors import InputError
-from calibrant.formats.cameras.calibrators.by_rays import camera_by_rays
 from calibrant.formats.cameras.calibrators.rigid import digits, finite
 from calibrant.formats.cameras.camera_format import Size, placed_camera, whole_size
 from calibrant.formats.cameras.fields import spelled
+from calibrant.formats.cameras.foreign_lens import nearest_by_rays
 
 MODELS = ("pinhole", "brown", "kannala_brandt", "unified", "extended_unified", "double_sphere")
 LACKS: Mapping[str, tuple[str, ...]] = {"brown": ("k3",), "unified": ("skew",)}
@@ -74,7 +74,7 @@ def is_chain_camera(node: Any) -> bool:
     return isinstance(node, Mapping) and "camera_model" in node and isinstance(node.get("intrinsics"), list)
 
 
-def chain_camera(node: Mapping[str, Any], size: Size | None, source: str, model: str | None = None) -> Camera:
+def chain_camera(node: Mapping[str, Any], size: Size | None, source: str, answers: Mapping[str, str]) -> Camera:
     """The camera of a chain's node. Raises: InputError for unknown words, and counts that are not the model's."""
     projection, distortion = _word(node.get("camera_model")), _word(node.get("distortion_model"))
     if projection not in _BEFORE:
@@ -84,7 +84,7 @@ def chain_camera(node: Mapping[str, Any], size: Size | None, source: str, model:
     found = _size(node, source)
     coefficients = finite(node.get("distortion_coeffs") or [], f"{source}: distortion_coeffs")
     if (projection, distortion) == ("pinhole", "fov"):
-        return _fov(values, coefficients, found or size, source, model)
+        return _fov(values, coefficients, found or size, source, answers)
     if (projection, distortion) not in _OURS:
         known = ", ".join(f"{p} with {d}" for p, d in (*_OURS, ("pinhole", "fov")))
         raise InputError(f"{source}: {projection} with distortion_model {distortion!r}; expected {known}")
@@ -133,15 +133,15 @@ def _size(node: Mapping[str, Any], source: str) -> Size | None:
     return whole_size(*pair)
 
 
-def _fov(values: dict[str, float], terms: Array, size: Size | None, source: str, model: str | None) -> Camera:
+def _fov(values: dict[str, float], terms: Array, size: Size | None, source: str, answers: Mapping[str, str]) -> Camera:
     if len(terms) != 1 or not 0 < terms[0] < np.pi:
         raise InputError(f"{source}: distortion_coeffs of fov is {terms.tolist()}, expected w between 0 and pi")
     if size is None:
         raise InputError(f"{source}: no resolution; say --image-size")
-    return fov_camera(values, float(terms[0]), size=size, source=source, model=model)
+    return fov_camera(values, float(terms[0]), size=size, source=source, answers=answers)
 
 
-def fov_camera(values: Mapping[str, float], w: float, *, size: Size, source: str, model: str | None) -> Camera:
+def fov_camera(values: Mapping[str, float], w: float, *, size: Size, source: str, answers: Mapping[str, str]) -> Camera:
     """The nearest camera to a field-of-view lens of fx, fy, cx, cy px and w rad."""
     f, centre = np.array([values["fx"], values["fy"]]), np.array([values["cx"], values["cy"]])
 
@@ -154,4 +154,4 @@ def fov_camera(values: Mapping[str, float], w: float, *, size: Size, source: str
         return np.concatenate([m * scale[:, None], np.ones((len(m), 1))], axis=1)
 
     focal = float(np.sqrt(abs(f.prod()))) * 2 * np.tan(w / 2) / w
-    return camera_by_rays(rays, size=size, focal_px=focal, centre=centre, lens="fov", source=source, model=model)
+    return nearest_by_rays(rays, size, answers, focal_px=focal, centre=centre, what=f"{source}: a fov lens")

@@ -19,7 +19,6 @@ from calibrant.arrays import Array
 from calibrant.data import CalibrationResult, TransformEstimate, as_transform
 from calibrant.data.results import Measured
 from calibrant.errors import InputError
-from calibrant.formats.cameras.calibrators.by_rays import ASKS
 from calibrant.formats.cameras.calibrators.chain import (
     LACKS,
     MODELS,
@@ -29,6 +28,7 @@ from calibrant.formats.cameras.calibrators.chain import (
     is_chain_camera,
 )
 from calibrant.formats.cameras.calibrators.rigid import digits, finite, from_matrix, quoted, rows_text
+from calibrant.formats.cameras.foreign_lens import ASKS
 from calibrant.formats.documents.document import Document
 from calibrant.formats.exchange.exchange_format import (
     ExchangeFormat,
@@ -65,8 +65,10 @@ def _read(document: Document, options: ReadOptions) -> CalibrationResult:
     nodes, source = chain_nodes(document.mapping), str(document.path)
     if not nodes:
         raise InputError("no cam0, cam1, … with camera_model and intrinsics in it")
-    model = answer(options.answers, "model")
-    cameras = {name: chain_camera(node, options.image_size, f"{source}: {name}", model) for name, node in nodes.items()}
+    cameras = {
+        name: chain_camera(node, options.image_size, f"{source}: {name}", options.answers)
+        for name, node in nodes.items()
+    }
     to_imu = {n: from_matrix(node["T_cam_imu"], f"{n}.T_cam_imu") for n, node in nodes.items() if "T_cam_imu" in node}
     places = _places(_links(nodes), to_imu, answer(options.answers, "places", _PLACES), source)
     used = {*USED, "T_cn_cnm1", "T_cam_imu", "timeshift_cam_imu"}

@@ -14,11 +14,11 @@ import numpy as np
 from calibrant.arrays import Array
 from calibrant.data import CalibrationResult
 from calibrant.errors import InputError
-from calibrant.formats.cameras.calibrators.by_rays import ASKS
 from calibrant.formats.cameras.calibrators.polynomial import polynomial_camera
 from calibrant.formats.cameras.camera_format import whole_size
+from calibrant.formats.cameras.foreign_lens import ASKS
 from calibrant.formats.documents.document import Document
-from calibrant.formats.exchange.exchange_format import ExchangeFormat, ReadOptions, answer, read_cameras
+from calibrant.formats.exchange.exchange_format import ExchangeFormat, ReadOptions, read_cameras
 
 _MOST = 20_000
 """Characters: five lines of numbers and what they are."""
@@ -69,7 +69,7 @@ def _read(document: Document, options: ReadOptions) -> CalibrationResult:
         centre[::-1],
         size=size,
         source=str(document.path),
-        model=answer(options.answers, "model"),
+        answers=options.answers,
     )
     return read_cameras({document.path.name.partition(".")[0] or "camera": camera})
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from calibrant.data import CalibrationResult, as_transform
 from calibrant.errors import InputError
-from calibrant.formats.cameras.calibrators.by_rays import ASKS
 from calibrant.formats.cameras.calibrators.chain import LACKS, MODELS, USED, camera_lines, chain_camera
 from calibrant.formats.cameras.calibrators.kalibr import (
     IMU,
@@ -21,12 +20,12 @@ from calibrant.formats.cameras.calibrators.kalibr import (
     shifts_of,
 )
 from calibrant.formats.cameras.calibrators.rigid import from_matrix, quoted, rows_text
+from calibrant.formats.cameras.foreign_lens import ASKS
 from calibrant.formats.documents.document import Document
 from calibrant.formats.exchange.exchange_format import (
     ExchangeFormat,
     ReadOptions,
     WriteOptions,
-    answer,
     read_cameras,
 )
 from calibrant.formats.exchange.places import places_in, world_of
@@ -41,8 +40,10 @@ def _read(document: Document, options: ReadOptions) -> CalibrationResult:
     nodes, source = chain_nodes(document.mapping), str(document.path)
     if not nodes:
         raise InputError("no cam0, cam1, … with camera_model and intrinsics in it")
-    model = answer(options.answers, "model")
-    cameras = {name: chain_camera(node, options.image_size, f"{source}: {name}", model) for name, node in nodes.items()}
+    cameras = {
+        name: chain_camera(node, options.image_size, f"{source}: {name}", options.answers)
+        for name, node in nodes.items()
+    }
     places = tuple(
         as_transform(IMU, name, from_matrix(node["T_imu_cam"], f"{name}.T_imu_cam"))
         for name, node in nodes.items()

@@ -8,17 +8,19 @@ toolbox for easily calibrating omnidirectional cameras"; OCamCalib's undistortFu
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.errors import InputError
-from calibrant.formats.cameras.calibrators.by_rays import camera_by_rays
 from calibrant.formats.cameras.camera_format import Size
+from calibrant.formats.cameras.foreign_lens import nearest_by_rays
 
 
 def polynomial_camera(
-    coefficients: Array, A: Array, centre: Array, *, size: Size, source: str, model: str | None
+    coefficients: Array, A: Array, centre: Array, *, size: Size, source: str, answers: Mapping[str, str]
 ) -> Camera:
     """The nearest camera to a polynomial lens: coefficients a0, a1, …; A (2, 2) and centre (2,) in pixels (u, v).
 
@@ -33,12 +35,11 @@ def polynomial_camera(
         rho = np.linalg.norm(xy, axis=-1)
         return np.concatenate([xy, ahead * np.polyval(coefficients[::-1], rho)[:, None]], axis=1)
 
-    return camera_by_rays(
+    return nearest_by_rays(
         rays,
-        size=size,
+        size,
+        answers,
         focal_px=float(abs(coefficients[0])),
         centre=centre,
-        lens="polynomial (Scaramuzza's)",
-        source=source,
-        model=model,
+        what=f"{source}: a polynomial (Scaramuzza's) lens",
     )

@@ -19,13 +19,13 @@ from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, as_transform
 from calibrant.errors import InputError
-from calibrant.formats.cameras.calibrators.by_rays import ASKS
 from calibrant.formats.cameras.calibrators.chain import fov_camera
 from calibrant.formats.cameras.calibrators.kalibr import IMU, imu_frame
 from calibrant.formats.cameras.calibrators.rigid import digits, from_quaternion, quoted
 from calibrant.formats.cameras.camera_format import matrix_parameters, numbers, whole_size
 from calibrant.formats.cameras.described import described_camera
 from calibrant.formats.cameras.fields import Fields
+from calibrant.formats.cameras.foreign_lens import ASKS
 from calibrant.formats.documents.document import Document
 from calibrant.formats.exchange.exchange_format import (
     ExchangeFormat,
@@ -114,7 +114,7 @@ def _camera(document: Document, options: ReadOptions) -> Camera:
     if size is None:
         raise InputError(f"{source}: no image_width and image_height; say --image-size")
     values = {"fx": fx, "fy": fy, "cx": cx, "cy": cy}
-    return fov_camera(values, float(w[0]), size=size, source=source, model=answer(options.answers, "model"))
+    return fov_camera(values, float(w[0]), size=size, source=source, answers=options.answers)
 
 
 def _write(result: CalibrationResult, options: WriteOptions) -> Written:

@@ -21,7 +21,7 @@ from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult
 from calibrant.errors import InputError
 from calibrant.formats.cameras.camera_format import Size, placed_camera, whole_size
-from calibrant.formats.cameras.foreign_lens import ASKS, nearest_lens
+from calibrant.formats.cameras.foreign_lens import ASKS, nearest_by_projection
 from calibrant.formats.cameras.photogrammetry.pictures import Picture, pictures_of, result_of, unit_of
 from calibrant.formats.documents.document import Document
 from calibrant.formats.exchange.exchange_format import ExchangeFormat, ReadOptions, WriteOptions
@@ -142,8 +142,14 @@ def _camera(calibration: Element, kind: str, options: ReadOptions, sensor: Eleme
     models = ("kannala_brandt",) if fisheye else ("unified", "rational") if skew else ("rational",)
     what = f"a {kind} camera with {', '.join([*terms, *(['b2'] if skew else [])])}"
     widest = {"widest": 0.95 * np.pi} if fisheye else {}
-    return nearest_lens(
-        _projection(plain, terms, skew, fisheye), models, start | {"skew": skew}, size, options, what=what, **widest
+    return nearest_by_projection(
+        _projection(plain, terms, skew, fisheye),
+        models,
+        start | {"skew": skew},
+        size,
+        options.answers,
+        what=what,
+        **widest,
     )
 
 

@@ -14,7 +14,7 @@ from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.errors import InputError
 from calibrant.formats.cameras.camera_format import placed_camera, whole_size
-from calibrant.formats.cameras.foreign_lens import nearest_lens
+from calibrant.formats.cameras.foreign_lens import nearest_by_projection
 from calibrant.formats.exchange.exchange_format import ReadOptions, Size
 
 _PLAIN = ReadOptions()
@@ -109,7 +109,8 @@ def _nearest(name: str, terms: Mapping[str, float], size: Size, options: ReadOpt
         gain = 2 * np.tan(terms["omega"] / 2) / terms["omega"]
         start = plain | {"fx": plain["fx"] * gain, "fy": plain["fy"] * gain}
     placed_camera("pinhole", plain, size, None)
-    return nearest_lens(project, ("kannala_brandt",), start, size, options, what=f"COLMAP's {name} camera")
+    what = f"COLMAP's {name} camera"
+    return nearest_by_projection(project, ("kannala_brandt",), start, size, options.answers, what=what)
 
 
 def camera_of(

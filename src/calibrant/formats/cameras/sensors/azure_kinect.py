@@ -20,7 +20,7 @@ from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, TransformEstimate, as_transform
 from calibrant.errors import InputError
 from calibrant.formats.cameras.camera_format import Size, numbers, placed_camera, whole_size
-from calibrant.formats.cameras.foreign_lens import ASKS, nearest_lens
+from calibrant.formats.cameras.foreign_lens import ASKS, nearest_by_projection
 from calibrant.formats.documents.document import Document
 from calibrant.formats.exchange.exchange_format import ExchangeFormat, ReadOptions, read_cameras
 from calibrant.geometry import se3
@@ -131,7 +131,7 @@ def _camera(name: str, item: Mapping[str, Any], size: Size | None, options: Read
         v = y * g + (r2 + 2 * y * y) * terms["p1"] + twice * x * y * terms["p2"] + moved[1]
         return np.stack([plain["fx"] * u + plain["cx"], plain["fy"] * v + plain["cy"]], axis=-1)
 
-    return nearest_lens(project, ("rational",), plain | terms, size or sensor, options, what=what)
+    return nearest_by_projection(project, ("rational",), plain | terms, size or sensor, options.answers, what=what)
 
 
 def _places(named: Mapping[str, Mapping[str, Any]]) -> tuple[TransformEstimate, ...]:

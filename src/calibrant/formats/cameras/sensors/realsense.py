@@ -23,7 +23,7 @@ from calibrant.data import CalibrationResult, TransformEstimate, as_transform
 from calibrant.errors import InputError
 from calibrant.formats.cameras.camera_format import numbers, placed_camera, single, whole_size
 from calibrant.formats.cameras.fields import spelled
-from calibrant.formats.cameras.foreign_lens import ASKS, nearest_lens
+from calibrant.formats.cameras.foreign_lens import ASKS, nearest_by_projection
 from calibrant.formats.cameras.sensors.realsense_prints import Extrinsics, cameras_in_text, extrinsics_in_text, is_print
 from calibrant.formats.documents.document import Document
 from calibrant.formats.exchange.exchange_format import ExchangeFormat, ReadOptions, answer, read_cameras
@@ -177,7 +177,7 @@ def _modified(
 
     start = {**plain, **terms}
     what = f"{name}: librealsense's modified Brown-Conrady with p1, p2"
-    return nearest_lens(project, ("brown", "rational"), start, size, options, what=what)
+    return nearest_by_projection(project, ("brown", "rational"), start, size, options.answers, what=what)
 
 
 def _pairs(data: Any, options: ReadOptions, source: str, path: tuple[str, ...] = ()) -> Iterator[Extrinsics]:

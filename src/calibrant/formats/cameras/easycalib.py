@@ -33,12 +33,11 @@ from calibrant.formats.exchange.exchange_format import (
     read_cameras,
 )
 from calibrant.formats.exchange.places import places_in, world_of
-from calibrant.geometry import se3, so3
+from calibrant.formats.exchange.rotation_numbers import rotation_in
+from calibrant.geometry import se3
 from calibrant.reading.notes import note, note_unused
 
 _MM = 1e3
-_ROUNDED = 1e-4
-"""R as people write it down: four digits."""
 _AT_ITSELF = 1e-6
 """How far from the identity the world may lie from itself: rounding, in radians and millimetres."""
 _DIRECTIONS = ("world-to-camera", "camera-to-world")
@@ -123,11 +122,12 @@ def _pose(data: Mapping[str, Any], i: int) -> Array | None:
         raise InputError(f"{missing} is missing beside its other half")
     R, t = (numbers(data[f"{part}_{i}"], f"{part}_{i}") for part in "RT")
     sizes = R.size == 9 and t.size == 3 and bool(np.all(np.isfinite(t)))
-    if not sizes or not so3.is_rotation(R.reshape(3, 3), tolerance=_ROUNDED):
+    turn = rotation_in(R.reshape(3, 3)) if sizes else None
+    if turn is None:
         raise InputError(
             f"R_{i} ({R.size} numbers) and T_{i} ({t.size}) are no rotation of nine numbers and translation of three"
         )
-    return se3.make(so3.nearest(R.reshape(3, 3)), t / _MM)
+    return se3.make(turn, t / _MM)
 
 
 def _is_at_itself(data: Mapping[str, Any], i: int) -> bool:

@@ -18,7 +18,8 @@ from calibrant.errors import InputError
 from calibrant.formats.cameras.opencv import distortion_coefficients, is_opencvs
 from calibrant.formats.documents.opencv_storage import Storable, yaml_text
 from calibrant.formats.exchange.places import places_in
-from calibrant.geometry import se3, so3
+from calibrant.formats.exchange.rotation_numbers import rotation_in
+from calibrant.geometry import se3
 from calibrant.geometry.projective import essential_from_transform, fundamental_from_transform
 from calibrant.targets.lengths import parse_length
 
@@ -26,8 +27,6 @@ _MM = 1e3
 _SIDES = ("left", "right")
 """What the first and the second camera are called where the file does not say."""
 PAIR_SUFFIXES = (".yml", ".yaml", ".xml")
-_ROUNDED = 1e-4
-"""R as people write it down: four digits."""
 _SECOND = ("K2", "M2", "cameraMatrix2", "camera_matrix_2")
 """Keys that only files of two cameras have."""
 _SHARED = ("image_width", "image_height", "image_size", "imageSize")
@@ -116,10 +115,11 @@ def T_left_right(data: Mapping[str, Any], *, unit_m: float | None = None) -> Arr
         )
         raise InputError(f"a stereo file without {' and '.join(missing)}{what}")
     R, t = (np.asarray(data[key], dtype=np.float64) for key in ("R", "T"))
-    if R.shape != (3, 3) or t.size != 3 or not so3.is_rotation(R, tolerance=_ROUNDED):
+    turn = rotation_in(R) if R.shape == (3, 3) else None
+    if turn is None or t.size != 3:
         raise InputError(f"R {R.shape} and T {t.shape} are no rotation (3, 3) and translation of three numbers")
     metre = parse_length(f"1{data['T_unit']}", what="T_unit") if "T_unit" in data else unit_m or 1.0
-    return se3.inverse(se3.make(so3.nearest(R), metre * t.ravel()))
+    return se3.inverse(se3.make(turn, metre * t.ravel()))
 
 
 def of_pair(data: Mapping[str, Any], name: str) -> Mapping[str, Any]:

@@ -9,6 +9,9 @@ from calibrant.data import CalibrationResult
 from calibrant.errors import InputError
 from calibrant.geometry.frames import FrameGraph
 
+IMU = "imu"
+"""What the frame of an inertial unit is called where a file gives it no name."""
+
 
 def graph_of(result: CalibrationResult) -> FrameGraph:
     """The result's frames and the transforms between them. Raises: InputError where two of them contradict."""
@@ -33,3 +36,13 @@ def places_in(result: CalibrationResult, world: str, names: tuple[str, ...]) -> 
     """T_world_name (4, 4) of each. Raises: InputError where no chain of transforms leads there."""
     graph = graph_of(result)
     return {name: np.eye(4) if name == world else graph.T(world, name) for name in names}
+
+
+def imu_frame(result: CalibrationResult, asked: str | None) -> str | None:
+    """The frame that is the IMU: the one asked for, else one whose name begins so. Raises: InputError for none such."""
+    frames = dict.fromkeys(name for t in result.transforms for name in (t.parent, t.child))
+    if asked is not None:
+        if asked not in frames:
+            raise InputError(f"no frame {asked!r}; frames: {', '.join(frames) or 'none'}")
+        return asked
+    return next((f for f in frames if f not in result.cameras and f.lower().startswith(IMU)), None)

@@ -9,9 +9,11 @@ import numpy as np
 
 from calibrant.arrays import Array
 from calibrant.errors import InputError
-from calibrant.geometry import rotations, se3
+from calibrant.geometry import rotations, se3, so3
 from calibrant.reading.notes import note
 
+ROUNDED = 1e-4
+"""A rotation as people write it down: four digits."""
 _NO_QUATERNION = 1e-2
 """How far from 1 a norm may be: 0.707 for the root of a half is 1.5e-4 off, two digits are 4e-3."""
 _FEW_DIGITS = 1e-4
@@ -28,6 +30,11 @@ def finite(values: Iterable[Any], count: int, where: str) -> Array:
         shown = " ".join(map(str, found))[:80]
         raise InputError(f"{where}: {shown!r}, expected {count} finite numbers")
     return numbers
+
+
+def rotation_in(M: Array) -> Array | None:
+    """The rotation nearest to a matrix (3, 3) that is one but for rounding; None for any other."""
+    return so3.nearest(M) if so3.is_rotation(M, tolerance=ROUNDED) else None
 
 
 def rotation_of_quaternion(xyzw: Array, where: str) -> Array:

@@ -29,7 +29,7 @@ from calibrant.data import CalibrationResult, as_transform
 from calibrant.data.results import Measured
 from calibrant.errors import InputError
 from calibrant.formats.cameras.calibrators.chain import fov_camera
-from calibrant.formats.cameras.calibrators.kalibr import IMU, SHIFT, imu_frame
+from calibrant.formats.cameras.calibrators.kalibr import SHIFT
 from calibrant.formats.cameras.calibrators.rigid import finite, from_quaternion
 from calibrant.formats.cameras.camera_format import Size, placed_camera, single, whole_size
 from calibrant.formats.cameras.foreign_lens import ASKS
@@ -40,7 +40,7 @@ from calibrant.formats.exchange.exchange_format import (
     WriteOptions,
     read_cameras,
 )
-from calibrant.formats.exchange.places import places_in, world_of
+from calibrant.formats.exchange.places import IMU, imu_frame, places_in, world_of
 from calibrant.geometry import so3
 from calibrant.reading.notes import note, note_unused
 

@@ -36,7 +36,7 @@ from calibrant.formats.exchange.exchange_format import (
     Written,
     read_cameras,
 )
-from calibrant.formats.exchange.places import places_in, world_of
+from calibrant.formats.exchange.places import IMU, places_in, world_of
 from calibrant.geometry import se3
 from calibrant.reading.notes import note, note_unused
 
@@ -63,7 +63,7 @@ _USED = (
     *_ON_IMU,
     "inv_poly_parameters",
 )
-_RIG, _IMU = "rig", "imu"
+_RIG = "rig"
 _PAIR = ("camera_left", "camera_right")
 _POSES = "extrinsic.txt"
 
@@ -96,7 +96,7 @@ def _read(document: Document, options: ReadOptions) -> CalibrationResult:
                 f"extrinsicRotation of {R.size} and extrinsicTranslation of {t.size} numbers, expected 9, 3"
             )
         T = from_matrix(np.hstack([R.reshape(3, 3), t.reshape(3, 1)]), _ON_IMU[0])
-        places = (as_transform(_IMU, name, _right_handed(document, T, options)),)
+        places = (as_transform(IMU, name, _right_handed(document, T, options)),)
     note_unused(str(document.path), (str(key) for key in document.mapping if key not in _USED))
     return read_cameras({name: camera}, transforms=places)
 

@@ -37,11 +37,10 @@ from calibrant.formats.exchange.exchange_format import (
     answer,
     read_cameras,
 )
-from calibrant.formats.exchange.places import graph_of
+from calibrant.formats.exchange.places import IMU, graph_of, imu_frame
 from calibrant.geometry import se3
 from calibrant.reading.notes import note, note_unused
 
-IMU = "imu"
 SHIFT = "timeshift "
 _CAMERA = re.compile(r"^cam\d+$")
 _ALIKE, _CONTRADICT = 1e-4, (2.0, 10.0)
@@ -122,16 +121,6 @@ def _places(
     return [as_transform(IMU, name, se3.inverse(T)) for name, T in kept.items()] + [
         as_transform(a, b, T) for (a, b), T in links.items() if (a, b) not in dropped
     ]
-
-
-def imu_frame(result: CalibrationResult, asked: str | None) -> str | None:
-    """The frame that is the IMU: the one asked for, else one whose name begins so. Raises: InputError for none such."""
-    frames = dict.fromkeys(name for t in result.transforms for name in (t.parent, t.child))
-    if asked is not None:
-        if asked not in frames:
-            raise InputError(f"no frame {asked!r}; frames: {', '.join(frames) or 'none'}")
-        return asked
-    return next((f for f in frames if f not in result.cameras and f.lower().startswith(IMU)), None)
 
 
 def _write(result: CalibrationResult, options: WriteOptions) -> bytes:

@@ -13,9 +13,7 @@ from calibrant.data import CalibrationResult, as_transform
 from calibrant.errors import InputError
 from calibrant.formats.cameras.calibrators.chain import LACKS, MODELS, USED, camera_lines, chain_camera
 from calibrant.formats.cameras.calibrators.kalibr import (
-    IMU,
     chain_nodes,
-    imu_frame,
     shift_line,
     shifts_of,
 )
@@ -28,7 +26,7 @@ from calibrant.formats.exchange.exchange_format import (
     WriteOptions,
     read_cameras,
 )
-from calibrant.formats.exchange.places import places_in, world_of
+from calibrant.formats.exchange.places import IMU, imu_frame, places_in, world_of
 from calibrant.reading.notes import note_unused
 
 

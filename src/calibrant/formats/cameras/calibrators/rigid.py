@@ -10,10 +10,9 @@ import numpy as np
 from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.formats.cameras.camera_format import numbers
+from calibrant.formats.exchange.rotation_numbers import ROUNDED, rotation_in
 from calibrant.geometry import se3, so3
 
-_ROUNDED = 1e-4
-"""A rotation as people write it down: four digits."""
 _UNIT = 1e-3
 """How far from 1 the length of a quaternion may be: three digits."""
 
@@ -24,7 +23,7 @@ def from_matrix(value: Any, what: str, *, unit_m: float = 1.0) -> Array:
     if M.size not in (12, 16):
         raise InputError(f"{what} holds {M.size} numbers, expected 4x4 or 3x4")
     M = M.reshape(-1, 4)
-    if len(M) == 4 and np.abs(M[3] - [0, 0, 0, 1]).max() > _ROUNDED:
+    if len(M) == 4 and np.abs(M[3] - [0, 0, 0, 1]).max() > ROUNDED:
         raise InputError(f"the last row of {what} is {M[3].tolist()}, expected 0 0 0 1")
     return se3.make(rotation(M[:3, :3], what), unit_m * M[:3, 3])
 
@@ -50,12 +49,13 @@ def from_vector(rotation_vector: Any, translation: Any, what: str, *, unit_m: fl
 
 def rotation(R: Array, what: str) -> Array:
     """The rotation nearest to a matrix that is one but for rounding. Raises: InputError for any other."""
-    if not so3.is_rotation(R, tolerance=_ROUNDED):
+    turn = rotation_in(R)
+    if turn is None:
         raise InputError(
             f"the rotation of {what} is none (determinant {np.linalg.det(R):.6g}): its rows are not at right angles "
             "with length 1"
         )
-    return so3.nearest(R)
+    return turn
 
 
 def finite(value: Any, what: str) -> Array:

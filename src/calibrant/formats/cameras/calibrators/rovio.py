@@ -20,7 +20,6 @@ from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, as_transform
 from calibrant.errors import InputError
 from calibrant.formats.cameras.calibrators.chain import fov_camera
-from calibrant.formats.cameras.calibrators.kalibr import IMU, imu_frame
 from calibrant.formats.cameras.calibrators.rigid import digits, from_quaternion, quoted
 from calibrant.formats.cameras.camera_format import matrix_parameters, numbers, whole_size
 from calibrant.formats.cameras.described import described_camera
@@ -35,7 +34,7 @@ from calibrant.formats.exchange.exchange_format import (
     answer,
     read_cameras,
 )
-from calibrant.formats.exchange.places import places_in, world_of
+from calibrant.formats.exchange.places import IMU, imu_frame, places_in, world_of
 from calibrant.geometry import se3, so3
 from calibrant.reading.notes import note
 

@@ -25,6 +25,7 @@ from calibrant.formats.cameras.foreign_lens import ASKS, nearest_by_projection
 from calibrant.formats.cameras.photogrammetry.pictures import Picture, pictures_of, result_of, unit_of
 from calibrant.formats.documents.document import Document
 from calibrant.formats.exchange.exchange_format import ExchangeFormat, ReadOptions, WriteOptions
+from calibrant.formats.exchange.rotation_numbers import ROUNDED
 from calibrant.geometry import se3
 from calibrant.reading.notes import note, note_unused
 
@@ -33,7 +34,6 @@ _CORNER = 0.5
 _TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")
 _OURS = {"f": ("fx", "fy"), "b1": ("fx",), "b2": ("skew",), "p1": ("p2",), "p2": ("p1",)}
 """Parameters of ours that move with Metashape's, where the name is not the same."""
-_ROUNDED = 1e-4
 _FRAME, _FISHEYE = "frame", ("fisheye", "equidistant_fisheye")
 _UNUSED = ("rolling_shutter", "corrections", "location", "rotation")
 
@@ -220,7 +220,7 @@ def _world(chunk: Element, component: str | None) -> tuple[Array, float] | None:
         scale = float(_numbers(at.findtext("scale"), 1, "the chunk's scale")[0])
         if scale <= 0:
             raise InputError(f"the chunk's scale is {scale:g}, expected above 0")
-        return se3.check(se3.make(R, t), name="the chunk's transform", tolerance=_ROUNDED), scale
+        return se3.check(se3.make(R, t), name="the chunk's transform", tolerance=ROUNDED), scale
     return None
 
 
@@ -235,7 +235,7 @@ def _pictures(chunk: Element, names: Mapping[str, str], options: ReadOptions, so
             continue
         label = camera.get("label") or camera.get("id") or "?"
         M = _numbers(text, 16, f"the transform of {label}").reshape(4, 4)
-        T = se3.check(M, name=f"the transform of {label}", tolerance=_ROUNDED)
+        T = se3.check(M, name=f"the transform of {label}", tolerance=ROUNDED)
         component = camera.get("component_id")
         if component not in told:
             told[component] = _world(chunk, component) or (np.eye(4), unit_of(options, source))

@@ -20,13 +20,13 @@ from calibrant.formats.cameras.camera_format import placed_camera, size_or_refus
 from calibrant.formats.cameras.photogrammetry.pictures import FLIP, Picture, pictures_of, result_of, unit_of
 from calibrant.formats.documents.document import Document
 from calibrant.formats.exchange.exchange_format import ExchangeFormat, ReadOptions, Size, WriteOptions
+from calibrant.formats.exchange.rotation_numbers import ROUNDED
 from calibrant.geometry import se3
 from calibrant.reading.notes import note
 
 _MARK = re.compile(r"^#\s*Bundle file v[\d.]+")
 _NUMBERS = 15
 """Of a picture: f k1 k2, R row by row, t."""
-_ROUNDED = 1e-4
 _HELD = {"fx", "fy", "cx", "cy", "k1", "k2"}
 _SAME = 1e-9
 
@@ -54,7 +54,7 @@ def _read(document: Document, options: ReadOptions) -> CalibrationResult:
             known[lens] = f"camera_{len(known)}"
             cameras[known[lens]] = _camera(lens, size)
         T = se3.make(rows[i, 3:12].reshape(3, 3), rows[i, 12:])
-        T = FLIP @ se3.check(T, name=f"picture {i}", tolerance=_ROUNDED)
+        T = FLIP @ se3.check(T, name=f"picture {i}", tolerance=ROUNDED)
         T[:3, 3] *= unit
         pictures.append(Picture(str(i), known[lens], T))
     return result_of(cameras, pictures if options.places else (), options)

@@ -25,7 +25,7 @@ from calibrant.data.result_file import write_text
 from calibrant.errors import InputError
 from calibrant.formats.cameras.camera_format import Size, numbers
 from calibrant.formats.cameras.described import described_camera
-from calibrant.geometry import so3
+from calibrant.formats.exchange.rotation_numbers import rotation_in
 from calibrant.reading.notes import note
 
 _EQUIDISTANT = "equidistant"
@@ -44,8 +44,6 @@ INI_MODELS = ("pinhole", "brown", "rational")
 """The ini has one row of five terms, or of eight."""
 _MARKS = {"distortion_model", "camera_name", "projection_matrix"}
 _MATRIX = {"camera_matrix", "K", "k"}
-_ROUNDED = 1e-4
-"""R as files have it: six digits, and fewer where the first are large."""
 _PART = ("binning_x", "binning_y")
 
 
@@ -105,14 +103,15 @@ def _rectified(data: Mapping[str, Any]) -> Rectified | None:
         return None
     if R is None or not R.any():
         R = np.eye(3)
-    if not so3.is_rotation(R, tolerance=_ROUNDED):
+    turn = rotation_in(R)
+    if turn is None:
         raise InputError(f"the rectification matrix is {R.tolist()}, expected a rotation")
     plain = P[0, 0] > 0 and P[1, 1] > 0 and P[1, 0] == 0 and P[:2, 2].any()
     if not (plain and np.array_equal(P[2], [0, 0, 1, 0])):
         raise InputError(
             f"the projection matrix is {P.tolist()}, expected [[fx, 0, cx, Tx], [0, fy, cy, Ty], [0, 0, 1, 0]]"
         )
-    return Rectified(so3.nearest(R), P)
+    return Rectified(turn, P)
 
 
 def _matrix(data: Mapping[str, Any], keys: tuple[str, ...], shape: tuple[int, int]) -> Array | None:

@@ -23,6 +23,7 @@ from calibrant.formats.cameras.camera_format import Size, numbers, placed_camera
 from calibrant.formats.cameras.foreign_lens import ASKS, nearest_by_projection
 from calibrant.formats.documents.document import Document
 from calibrant.formats.exchange.exchange_format import ExchangeFormat, ReadOptions, read_cameras
+from calibrant.formats.exchange.rotation_numbers import ROUNDED
 from calibrant.geometry import se3
 from calibrant.reading.notes import note_unused
 
@@ -30,7 +31,6 @@ _WRAPPER = "CalibrationInformation"
 _PURPOSES = {"Depth": "depth", "PhotoVideo": "color"}
 _TERMS = ("k1", "k2", "k3", "k4", "k5", "k6", "codx", "cody", "p2", "p1")
 _KINDS = ("BrownConrady", "Rational6KT")
-_ROUNDED = 1e-4
 _MODES: Mapping[tuple[str, Size], tuple[Size, tuple[int, int]]] = {
     ("depth", (640, 576)): ((1024, 1024), (192, 180)),
     ("depth", (320, 288)): ((512, 512), (96, 90)),
@@ -144,7 +144,7 @@ def _places(named: Mapping[str, Mapping[str, Any]]) -> tuple[TransformEstimate, 
         R, t = (numbers(at.get(key, []), f"{name}: Rt.{key}") for key in ("Rotation", "Translation"))
         if R.size != 9 or t.size != 3:
             raise InputError(f"{name}: Rt holds {R.size} and {t.size} numbers, expected a rotation of 9, 3 metres")
-        T[name] = se3.check(se3.make(R.reshape(3, 3), t), name=f"{name}: Rt", tolerance=_ROUNDED)
+        T[name] = se3.check(se3.make(R.reshape(3, 3), t), name=f"{name}: Rt", tolerance=ROUNDED)
     first = next((name for name in T if np.allclose(T[name], np.eye(4))), next(iter(T)))
     return tuple(as_transform(first, name, T[first] @ se3.inverse(T[name])) for name in T if name != first)
 

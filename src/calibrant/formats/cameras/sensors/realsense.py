@@ -27,6 +27,7 @@ from calibrant.formats.cameras.foreign_lens import ASKS, nearest_by_projection
 from calibrant.formats.cameras.sensors.realsense_prints import Extrinsics, cameras_in_text, extrinsics_in_text, is_print
 from calibrant.formats.documents.document import Document
 from calibrant.formats.exchange.exchange_format import ExchangeFormat, ReadOptions, answer, read_cameras
+from calibrant.formats.exchange.rotation_numbers import ROUNDED
 from calibrant.geometry import se3
 from calibrant.reading.notes import note, note_unused
 
@@ -43,7 +44,6 @@ _GENERIC = {"intrinsics", "intrinsic", "streams", "cameras", "camera", "calibrat
 _PAIR = re.compile(r"^(?:extrinsics?_)?(\w+?)_(?:to|2)_(\w+?)(?:_extrinsics?)?$")
 _TURN = re.compile(r"^(rotation|r)(matrix|rowmajor|matrixrowmajor|columnmajor)?$")
 _SHIFT = re.compile(r"^(translation|t)(vector)?(m|mm|meters|metres|vectormeters)?$")
-_ROUNDED = 1e-4
 _DEEPEST = 6
 
 
@@ -226,7 +226,7 @@ def _tree(pairs: list[Extrinsics], cameras: list[str]) -> tuple[TransformEstimat
             continue
         joined = group[p.end]
         group = {frame: group[p.start] if of == joined else of for frame, of in group.items()}
-        T = se3.check(se3.make(p.R, p.t), name=f"{p.start} to {p.end}", tolerance=_ROUNDED)
+        T = se3.check(se3.make(p.R, p.t), name=f"{p.start} to {p.end}", tolerance=ROUNDED)
         parent, child = (named.get(frame.lower(), frame) for frame in (p.start, p.end))
         found.append(as_transform(parent, child, se3.inverse(T)))
     return tuple(found)

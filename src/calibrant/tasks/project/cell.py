@@ -162,21 +162,7 @@ def _at_robot(
     except CalibrantError as error:
         error.args = (f"observations {name}: {error}",)
         raise
-    moments = moments_of(data)
-    said = diagnosis.poses.notation
-    return ReadList(
-        name,
-        seen.camera,
-        None,
-        data.files,
-        data.camera,
-        poses={moments[i]: T for i, T in zip(said.ids, said.T_base_gripper)},
-        data=data,
-        diagnosis=diagnosis,
-        pairings={"": data.pairing},
-        raw=data.raw,
-        notation=diagnosis.poses.decision.notation.description,
-    )
+    return ReadList.examined(name, seen.camera, None, data, diagnosis, moments_of(data))
 
 
 def _list_request(folder: Path, project: Project, seen: Seen, listener: Listener) -> ListRequest:

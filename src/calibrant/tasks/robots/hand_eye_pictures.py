@@ -54,6 +54,32 @@ class ReadList:
     notation: str = ""
     other_poses: Mapping[str, NDArray] = field(default_factory=dict)
 
+    @classmethod
+    def examined(
+        cls,
+        words: str,
+        camera: str,
+        pictures: Pictures | None,
+        data: PairedData,
+        diagnosis: Diagnosis,
+        moments: Mapping[str, str],
+    ) -> ReadList:
+        """A list that the doctor has examined; moments: of each of its rows, by id."""
+        said = diagnosis.poses.notation
+        return cls(
+            words,
+            camera,
+            pictures,
+            data.files,
+            data.camera,
+            poses={moments[i]: T for i, T in zip(said.ids, said.T_base_gripper)},
+            data=data,
+            diagnosis=diagnosis,
+            pairings={"": data.pairing},
+            raw=data.raw,
+            notation=diagnosis.poses.decision.notation.description,
+        )
+
     @property
     def few(self) -> bool:
         """Whether it waits for what other lists say of its poses."""
@@ -177,26 +203,13 @@ def _read_one(names: Names, common: ListRequest, camera: str, robot: str, *, joi
         diagnosis = hand_eye_list.diagnose(data, alone)
     require_sound(diagnosis)
     moments = moments_of(data) if joined else {i: i for i in data.complete[0].ids}
-    notation = diagnosis.poses.notation
     pictures = None
     if data.observations is not None:
         # A cell of several lists numbers its boards by what all of them say.
         numbered = diagnosis.numbered(data.observations) if names.plain else data.observations
         seen = replace(numbered, views=tuple(replace(v, moment=moments[v.id]) for v in numbered.views))
         pictures = Pictures(camera, diagnosis.poses.setup, seen, name, names.target_name(camera))
-    return ReadList(
-        words,
-        camera,
-        pictures,
-        data.files,
-        data.camera,
-        poses={moments[i]: T for i, T in zip(notation.ids, notation.T_base_gripper)},
-        data=data,
-        diagnosis=diagnosis,
-        pairings={"": data.pairing},
-        raw=data.raw,
-        notation=diagnosis.poses.decision.notation.description,
-    )
+    return ReadList.examined(words, camera, pictures, data, diagnosis, moments)
 
 
 def _few_at_moments(words: str, camera: str, data: PairedData, seen: Observations, setup: str) -> Observations:

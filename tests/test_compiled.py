@@ -180,6 +180,7 @@ def test_what_kernels_call_are_parts() -> None:
     assert not called
 
 
+@pytest.mark.long
 def test_kernels_copy_arrays_by_element() -> None:
     found = []
     for file, function in compiled_functions():
@@ -193,6 +194,7 @@ def test_kernels_copy_arrays_by_element() -> None:
     assert not found
 
 
+@pytest.mark.long
 def test_where_sums_may_be_reordered_there_is_no_power() -> None:
     found = []
     for file in PACKAGE.rglob("*.py"):

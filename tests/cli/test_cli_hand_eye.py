@@ -245,6 +245,7 @@ def test_a_static_camera_and_a_charuco_board_by_one_command(
     assert "4 poses have no image" in pairing
 
 
+@pytest.mark.long
 def test_pose_pairs_of_a_real_cell_in_the_right_setup_and_the_wrong(
     calibrant, shared_data: Callable[[str], Path]
 ) -> None:

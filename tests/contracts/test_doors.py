@@ -68,7 +68,10 @@ def test_every_command_has_a_case() -> None:
     assert {VERB_OF[name] for name in TASKS} <= set(cb.__all__)
 
 
-@pytest.mark.parametrize("name", CASES)
+SLOW = ("projector calibrate", "scan", "depth", "stereo", "rig")
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.long) if n in SLOW else n for n in CASES])
 def test_every_door_gives_the_same_answer(name: str, files: Files, tmp_path: Path) -> None:
     options = CASES[name](files)
     written = tmp_path / "result.json"

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from calibrant.data.result_file import write_observations
 from calibrant.geometry import so3
@@ -86,6 +87,7 @@ def test_a_board_is_drawn_without_what_calibrates(tmp_path: Path) -> None:
     assert loaded(["target", BOARD, "--out", "board.svg"], tmp_path, libraries) == ["cv2"]
 
 
+@pytest.mark.long
 def test_intrinsics_loads_the_detector_of_its_board_alone_and_none_for_photos_searched_before(
     tmp_path: Path, shared_data: Callable[[str], Path]
 ) -> None:

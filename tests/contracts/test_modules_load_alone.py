@@ -57,6 +57,7 @@ def circle(known: Sources) -> list[str]:
     return []
 
 
+@pytest.mark.long
 def test_no_module_loads_itself_by_way_of_others() -> None:
     assert circle(sources()) == []
 

@@ -62,7 +62,10 @@ TEXTS = {
 }
 
 
-@pytest.mark.parametrize("name", TEXTS)
+SLOW = ("keys.yaml", "keys.json")
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.long) if n in SLOW else n for n in TEXTS])
 def test_every_reader_refuses_it_with_its_name(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     path.write_text(TEXTS[name])

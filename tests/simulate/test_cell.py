@@ -13,6 +13,7 @@ from calibrant.geometry import se3, so3
 from calibrant.simulate.cell import SIGMA_ROBOT_MM, make_cell, observe_cell, photograph
 
 
+@pytest.mark.long
 def test_files_hold_the_cell(tmp_path: Path) -> None:
     cell = make_cell(3, views=3)
     calls: list[tuple[int, int]] = []

@@ -71,6 +71,7 @@ def test_simulated_scenes(name: str, kind: str) -> None:
     assert_the_same(scene.robot_poses, target, setup, scene.camera if kind == "camera given" else None)
 
 
+@pytest.mark.long
 def test_real_pose_pairs(shared_data) -> None:
     samples = np.array(json.loads((shared_data("handeye_moveit_poses") / "pose_samples.json").read_text()))
     pairs = samples.reshape(-1, 2, 4, 4)
@@ -125,6 +126,7 @@ def test_faults_that_pass_silently_elsewhere_are_refused_by_name(door: Door, sce
         door(data.robot_poses, data.measured_T_camera_target, "eye-in-hand", None)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scene", ["shifted-pairs", "inverted-poses"])
 def test_a_second_camera_does_not_hide_the_fault(scene: str) -> None:
     """Two cameras on one robot whose poses are wrong: refused as one camera is, and the list is named."""

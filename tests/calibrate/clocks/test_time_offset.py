@@ -99,6 +99,7 @@ def test_motions_that_do_not_tell_are_refused_by_name() -> None:
         estimate_time_offset(*recorded(one, round_, t_robot, t))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("setup", "other"), [("eye-in-hand", "eye-to-hand"), ("eye-to-hand", "eye-in-hand")])
 def test_a_loop_that_does_not_close_is_refused(setup: str, other: str) -> None:
     with pytest.raises(RefusedError, match=f"does not close: .* mounted otherwise .--setup {setup}"):

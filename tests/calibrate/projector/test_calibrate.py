@@ -154,6 +154,7 @@ def bent(bend_m: float, *, views: int) -> Observations:
     return replace(seen, views=tuple(replace(v, points=POINTS) for v in seen.views))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("views", [5, 8])
 def test_a_bent_board_is_named_first_with_how_much_is_left_of_the_bend(views: int) -> None:
     """Too few captures to ask the photos of the camera alone: both eyes measure the board."""

@@ -198,6 +198,7 @@ def equal_scene(seed: int, *, sigma: float = 0.1) -> StereoScene:
     return stereo_scene(seed, sigma_px=(sigma, sigma), cameras=(left, right))
 
 
+@pytest.mark.long
 def test_one_focal_length_for_both() -> None:
     exact = cb.calibrate_stereo(equal_scene(1, sigma=0.0).observations, same_focal=True)
     np.testing.assert_allclose(exact.transform("left", "right").matrix, equal_scene(1).T_left_right, atol=1e-7)

@@ -20,7 +20,7 @@ def shown(order: list[int]) -> Capture:
     return Capture("pose", SEQUENCE, capture().pictures[order], FILES)
 
 
-@pytest.mark.parametrize("code", ["gray", "phase", "both"])
+@pytest.mark.parametrize("code", ["gray", *(pytest.param(c, marks=pytest.mark.long) for c in ("phase", "both"))])
 def test_pictures_in_their_order_pass(code: str) -> None:
     shot = capture(code)
     assert check_order(shot).names == shot.names

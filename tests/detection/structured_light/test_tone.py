@@ -46,16 +46,19 @@ def test_a_tone_curve_of_the_camera_is_named(gamma: float, word: str) -> None:
         check_order(curved(capture("gray"), gamma))
 
 
+@pytest.mark.long
 def test_a_projectors_gamma_does_not_move_gray_code() -> None:
     shot = check_order(capture("gray", gamma=2.2))
     assert lit_board(shot, seen()).lit is not None
 
 
+@pytest.mark.long
 def test_cosines_under_a_tone_curve_name_it_and_no_other_projector() -> None:
     with pytest.raises(InputError, match=r"second harmonic is \d+% of the first, .* turn off its gamma"):
         lit_board(check_order(curved(capture("phase"), 1 / 2.2)), seen())
 
 
+@pytest.mark.long
 def test_captures_whose_camera_mirrors_are_named_where_others_do_not() -> None:
     right = capture()
     mirrored = replace(right, pictures=right.pictures[:, :, ::-1].copy())

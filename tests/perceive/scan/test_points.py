@@ -92,6 +92,7 @@ def test_exact_pixels_give_exact_points() -> None:
     assert found.across < 1e-6
 
 
+@pytest.mark.long
 def test_derivatives_by_the_calibration_against_differences() -> None:
     """sigma by the calibration, where one of its numbers alone is uncertain, is the change of depth it makes."""
     decoded = exact(block())

@@ -83,6 +83,7 @@ def test_the_pair_in_opencvs_file(images: Path, tmp_path: Path, result: Calibrat
     assert again.summary() == result.summary()
 
 
+@pytest.mark.long
 def test_points_are_marked_and_then_left_out(images: Path, tmp_path: Path, result: CalibrationResult) -> None:
     given = {"left": images / "left*.jpg", "right": images / "right*.jpg", "target": TARGET}
     marked = cb.stereo(**given, mark_left="0.4px", mark_epipolar="0.3px")

@@ -135,6 +135,7 @@ def test_cameras_that_stood_still_are_not_accused(seed: int) -> None:
     assert names.isdisjoint({"cameras-moved", "at-once", "board-numbering"})
 
 
+@pytest.mark.long
 def test_both_eyes_number_a_board_alike() -> None:
     """Turned by half, the board looks the same: the right camera numbers some of its views from the other end."""
     scene = stereo_scene(5, target=BOARD)

@@ -132,6 +132,7 @@ def test_two_pictures_in_each_others_place_are_named() -> None:
     assert sound(found)
 
 
+@pytest.mark.long
 def test_cameras_exchanged_in_some_pairs_are_named() -> None:
     found = diagnose_pairs(exchanged(pair(), (2, 5)))
     assert only(found) == "cameras-exchanged"

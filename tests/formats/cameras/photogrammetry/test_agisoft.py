@@ -91,6 +91,7 @@ def test_places_carry_the_chunks_scale(tmp_path: Path) -> None:
     assert any("--unit" in n for n in cb.convert(written(tmp_path, xml(FRAME, placed=False))).notes)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("more", [{"k4": K4}, {"b2": B2}])
 def test_what_no_model_says_is_refused_with_its_error_or_brought_near(tmp_path: Path, more: dict[str, float]) -> None:
     lens = FRAME | more

@@ -166,7 +166,7 @@ def __getattr__(name: str) -> Any:
     value = getattr(found, attribute) if attribute else found
     called = getattr(value, "__name__", name)
     if called != name and called in _PUBLIC:
-        value = __getattr__(called)  # an older name of the same function
+        value = globals().get(called) or __getattr__(called)  # an older name of the same function
     elif callable(value) and not isinstance(value, type) and module != "calibrant.tasks.verbs":
         from calibrant.advice import python_door
 

@@ -83,7 +83,7 @@ def test_the_camera_of_a_running_robot_comes_on_tf_static(ros: dict[str, str], t
     )  # fmt: skip
     try:
         robot = subprocess.run(
-            [PYTHON, ROBOT, tmp_path], env=ros, capture_output=True, text=True, timeout=120, check=True
+            [PYTHON, ROBOT, tmp_path], env=ros, capture_output=True, text=True, timeout=300, check=True
         )
         # What is published for good reaches those who come late.
         late = "import rospy; from tf2_msgs.msg import TFMessage; rospy.init_node('late'); "
@@ -91,7 +91,7 @@ def test_the_camera_of_a_running_robot_comes_on_tf_static(ros: dict[str, str], t
         again = subprocess.run([PYTHON, "-c", late], env=ros, capture_output=True, text=True, timeout=60, check=True)
     finally:
         node.send_signal(signal.SIGINT)
-        said, _ = node.communicate(timeout=60)
+        said, _ = node.communicate(timeout=240)  # calibrating on a busy machine takes its time
     assert again.stdout.strip() == "wrist_optical", said
     found = json.loads(robot.stdout)
     (static,) = found["static"]

@@ -81,18 +81,19 @@ def refined_with_clocks(
     cell: Cell, transforms: Mapping[Frame, Array], spread: tuple[float, float], asked: ClocksAsked
 ) -> tuple[NoiseEstimate, Cell]:
     """The fit with clocks, and what is left of the cell: with the least biased motion that the residuals do not speak
-    against by `ODDS`, chosen before anything is left out, so that all motions are asked of the same points.
+    against by `ODDS`, each of them fitted and cleaned up.
 
     Raises: RefusedError where no motion tells the clocks.
     """
     sigmas = cell.levels((max(spread[0], LEAST_SIGMA_START), max(spread[1], LEAST_SIGMA_START)))
     cell, transforms = in_sight(cell, transforms)
     at_once = estimate_noise(cell_problem(cell, transforms, sigmas), floors=cell.floors(), options=NEARLY_UNDAMPED)
-    fits = [_with_clocks(cell, at_once.solution, asked, smoothness) for smoothness in SMOOTHNESSES]
+    timed = [_with_clocks(cell, at_once.solution, asked, smoothness) for smoothness in SMOOTHNESSES]
+    # Real boards on the move have corners far off, and these speak for whatever motion comes nearest to them.
+    fits = [refined(left, fitted_places(left, noise.solution), spread) for noise, left in timed]
     redundancy = [noise.levels[left.pixel_group(cell.layout.root)].redundancy for noise, left in fits]
     against = [r * np.log(_level(left, noise)) for r, (noise, left) in zip(redundancy, fits)]
-    noise, left = next(fit for fit, a in zip(fits, against) if a <= min(against) + np.log(ODDS))
-    return refined(left, fitted_places(left, noise.solution), spread)
+    return next(fit for fit, a in zip(fits, against) if a <= min(against) + np.log(ODDS))
 
 
 def _level(cell: Cell, noise: NoiseEstimate) -> float:

@@ -159,8 +159,12 @@ def test_a_smeared_tag_is_no_larger_than_it_is(length: float) -> None:
     found = detector_for("marker").detect(
         render(target.artwork(), CAMERA, T, rng=np.random.default_rng(0), look=look), target
     )
-    # Compared with drawings, whose blur is alike to all sides, they were 0.03 and 0.07 px outwards.
-    assert np.abs(found.uv - CAMERA.project(se3.apply(T, target.points))).max() < 0.025
+    truth = CAMERA.project(se3.apply(T, target.points))
+    outwards = truth - truth.mean(axis=0)
+    outwards /= np.linalg.norm(outwards, axis=1, keepdims=True)
+    # Compared with drawings, whose blur is alike to all sides, they were 0.03 and 0.07 px outwards. A corner's own σ is
+    # 0.022 px, that of their mean 0.011.
+    assert abs(np.sum((found.uv - truth) * outwards, axis=1).mean()) < 0.02
 
 
 def test_other_refinements_keep_their_own_sigma() -> None:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from calibrant.arrays import Array
+from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, TransformEstimate, as_transform
 from calibrant.data.results import Measured
 from calibrant.errors import InputError
@@ -60,14 +61,19 @@ def _matches(document: Document) -> bool:
     return bool(nodes) and not any("T_imu_cam" in node for node in nodes.values())
 
 
-def _read(document: Document, options: ReadOptions) -> CalibrationResult:
-    nodes, source = chain_nodes(document.mapping), str(document.path)
+def chain_cameras(nodes: Mapping[str, Mapping[str, Any]], options: ReadOptions, source: str) -> dict[str, Camera]:
+    """The camera of each of the file's nodes. Raises: InputError where there are none, or as `chain_camera`."""
     if not nodes:
         raise InputError("no cam0, cam1, … with camera_model and intrinsics in it")
-    cameras = {
+    return {
         name: chain_camera(node, options.image_size, f"{source}: {name}", options.answers)
         for name, node in nodes.items()
     }
+
+
+def _read(document: Document, options: ReadOptions) -> CalibrationResult:
+    nodes, source = chain_nodes(document.mapping), str(document.path)
+    cameras = chain_cameras(nodes, options, source)
     to_imu = {n: from_matrix(node["T_cam_imu"], f"{n}.T_cam_imu") for n, node in nodes.items() if "T_cam_imu" in node}
     places = _places(_links(nodes), to_imu, answer(options.answers, "places", _PLACES), source)
     used = {*USED, "T_cn_cnm1", "T_cam_imu", "timeshift_cam_imu"}

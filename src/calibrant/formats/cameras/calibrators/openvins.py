@@ -10,9 +10,9 @@ OpenVINS's docs, "Sensor calibration", and core/VioManagerOptions.h with utils/o
 from __future__ import annotations
 
 from calibrant.data import CalibrationResult, as_transform
-from calibrant.errors import InputError
-from calibrant.formats.cameras.calibrators.chain import LACKS, MODELS, USED, camera_lines, chain_camera
+from calibrant.formats.cameras.calibrators.chain import LACKS, MODELS, USED, camera_lines
 from calibrant.formats.cameras.calibrators.kalibr import (
+    chain_cameras,
     chain_nodes,
     shift_line,
     shifts_of,
@@ -36,12 +36,7 @@ def _matches(document: Document) -> bool:
 
 def _read(document: Document, options: ReadOptions) -> CalibrationResult:
     nodes, source = chain_nodes(document.mapping), str(document.path)
-    if not nodes:
-        raise InputError("no cam0, cam1, … with camera_model and intrinsics in it")
-    cameras = {
-        name: chain_camera(node, options.image_size, f"{source}: {name}", options.answers)
-        for name, node in nodes.items()
-    }
+    cameras = chain_cameras(nodes, options, source)
     places = tuple(
         as_transform(IMU, name, from_matrix(node["T_imu_cam"], f"{name}.T_imu_cam"))
         for name, node in nodes.items()

@@ -62,6 +62,10 @@ class MissingExtraError(CalibrantError):
     exit_status = 2
 
 
+class DeviceError(CalibrantError):
+    """A robot or a camera does not answer, stopped by itself, or gives what it should not."""
+
+
 class CancelledError(CalibrantError):
     """The work was asked to stop, and stopped; no result was written. See `calibrant.cancel`."""
 

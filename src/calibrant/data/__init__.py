@@ -3,6 +3,12 @@
 from calibrant.data.cell_layout import CellLayout as CellLayout
 from calibrant.data.cell_layout import PictureList as PictureList
 from calibrant.data.cell_layout import SigmaRobot as SigmaRobot
+from calibrant.data.devices import CameraSource as CameraSource
+from calibrant.data.devices import DeviceCalibration as DeviceCalibration
+from calibrant.data.devices import GripperState as GripperState
+from calibrant.data.devices import Picture as Picture
+from calibrant.data.devices import Robot as Robot
+from calibrant.data.devices import RobotLimits as RobotLimits
 from calibrant.data.observations import DEFAULT_CAMERA as DEFAULT_CAMERA
 from calibrant.data.observations import Missed as Missed
 from calibrant.data.observations import Observations as Observations

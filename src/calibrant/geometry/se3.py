@@ -111,6 +111,22 @@ def mean(T: ArrayLike, *, weights: ArrayLike | None = None) -> Array:
     return make(so3.mean(m[:, :3, :3], weights=w), np.average(m[:, :3, 3], axis=0, weights=w))
 
 
+def carrying(p_b: ArrayLike, p_a: ArrayLike) -> Array:
+    """T_a_b (4, 4) that carries points onto points: least sum of |p_a - T_a_b p_b|^2 (Arun, Huang, Blostein 1987).
+
+    p_b, p_a (n, 3), metres, n of 3 or more that do not stand in a line.
+
+        >>> import numpy as np
+        >>> p = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.2, 0.0]])
+        >>> np.allclose(carrying(p, p + [1.0, 2.0, 3.0])[:3, 3], [1.0, 2.0, 3.0])
+        True
+    """
+    b, a = np.asarray(p_b, dtype=np.float64), np.asarray(p_a, dtype=np.float64)
+    centre_b, centre_a = b.mean(axis=0), a.mean(axis=0)
+    R = so3.nearest((a - centre_a).T @ (b - centre_b))
+    return make(R, centre_a - R @ centre_b)
+
+
 def _sound(T: Array, tolerance: float) -> NDArray[np.bool_]:
     """Which of T (n, 4, 4) are rigid transforms, as `check` asks for."""
     finite = np.asarray(np.isfinite(T).all(axis=(1, 2)))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibrant.errors import InputError
-from calibrant.formats.poses.measurements import read_measurements
+from calibrant.formats.measurements.read import read_measurements
 from calibrant.formats.poses.read import notations, read_poses
 from calibrant.robots.arms import arm
 

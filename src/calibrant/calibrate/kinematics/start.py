@@ -57,20 +57,13 @@ def _from_positions(forward: Array, p: Array, *, hold_base: bool, hold_tool: boo
     point: Array = np.zeros(3)
     for _ in range(_ROUNDS):
         if not hold_base:
-            base = procrustes(se3.apply(forward, point), p)
+            base = se3.carrying(se3.apply(forward, point), p)
         if not hold_tool:
             # p = R_wb (R_i point + t_i) + t_wb: linear in the point.
             R = base[:3, :3] @ forward[:, :3, :3]
             rest = p - se3.apply(base, forward[:, :3, 3])
             point = np.asarray(np.linalg.lstsq(R.reshape(-1, 3), rest.ravel(), rcond=1e-6)[0], dtype=np.float64)
     return base, se3.make(np.eye(3), point)
-
-
-def procrustes(a: Array, b: Array) -> Array:
-    """T (4, 4) with b = T a in the least-squares sense (Arun, Huang, Blostein 1987)."""
-    centre_a, centre_b = a.mean(axis=0), b.mean(axis=0)
-    R = so3.nearest((b - centre_b).T @ (a - centre_a))
-    return se3.make(R, centre_b - R @ centre_a)
 
 
 def free_chain(measurements: JointMeasurements) -> ProductOfExponentials:

@@ -102,7 +102,7 @@ def _identified(request: Request) -> tuple[str, ...]:
 
 def _kept_measurements(request: Request, robot: Robot | None) -> JointMeasurements:
     """The measurements without those excluded. Raises: InputError for a name that is not there."""
-    from calibrant.formats.poses.measurements import read_measurements
+    from calibrant.formats.measurements.read import read_measurements
 
     found = read_measurements(
         list(request.measurements),

@@ -13,7 +13,6 @@ import numpy as np
 from calibrant.arrays import Array
 from calibrant.calibrate.cell.problem.layout import Layout
 from calibrant.calibrate.cell.problem.touches import Touches
-from calibrant.calibrate.kinematics.start import procrustes
 from calibrant.geometry import se3
 from calibrant.geometry.frames import FrameGraph
 
@@ -79,7 +78,7 @@ def _targets(layout: Layout, graph: FrameGraph, mine: Sequence[Touches]) -> Fram
         if len(places) >= 3 and spread[1] > LEAST_ACROSS * spread[0]:
             p = graph.T(*tip)[:3, 3]
             tips = np.concatenate([se3.apply(_grippers(layout, graph, t), p) for t in lists])
-            graph = graph.add(*frame, procrustes(places, tips))
+            graph = graph.add(*frame, se3.carrying(places, tips))
     return graph
 
 

@@ -1,0 +1,1 @@
+"""Measurements of a robot: joint values, and where a device beside it saw the tool."""

@@ -30,6 +30,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
+from calibrant.formats.poses.measurements import read_measurements
 
 from calibrant.cameras import Camera
 from calibrant.cameras.approximation.nearest import in_words_of
@@ -45,7 +46,6 @@ from calibrant.formats.exchange.exchange_format import ReadOptions, WriteOptions
 from calibrant.formats.exchange.read import read_any
 from calibrant.formats.exchange.registry import FORMATS, format_named
 from calibrant.formats.points_yaml import read_own_points
-from calibrant.formats.poses.measurements import read_measurements
 from calibrant.formats.poses.notations import notations
 from calibrant.formats.poses.read import read_poses
 from calibrant.formats.poses.timed import read_timed_poses

@@ -54,7 +54,8 @@ def tool_points(table: PoseTable, joints: Array, unit: str | None) -> ToolPoints
     """The points of each pose, where the table has more than one a pose: columns x1, y1, z1, x2 …, or a row a point.
 
     Args: joints (rows, n): what the table says of them; rows of one pose have the same. unit: of lengths, None to find
-    it out. Returns None for a table of one position a row. Raises: InputError for fewer than 3 points, labels given twice.
+    it out. Returns None for a table of one position a row.
+    Raises: InputError for fewer than 3 points, labels given twice.
     """
     keys = [name_and_unit(column)[0] for column in table.header]
     wide = _wide_columns(keys)
@@ -107,8 +108,8 @@ def body_of(seen: ToolPoints, source: str) -> Body:
     rms = float(np.sqrt(np.concatenate(squares).mean()))
     if rms > _LOOSEST * size:
         raise InputError(
-            f"{source}: the points {', '.join(seen.labels)} are off one rigid body by {rms * 1e3:.3g} mm rms, of a body "
-            f"of {size * 1e3:.3g} mm; expected the same points, in the same order, at every pose"
+            f"{source}: the points {', '.join(seen.labels)} are off one rigid body by {rms * 1e3:.3g} mm rms, of a "
+            f"body of {size * 1e3:.3g} mm; expected the same points, in the same order, at every pose"
         )
     across = float(np.linalg.svd(shape, compute_uv=False)[1])
     if across < max(_LOOSEST * size, 3 * rms):

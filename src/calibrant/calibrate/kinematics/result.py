@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibrant.arrays import Array
+from calibrant.calibrate.kinematics.coupled_joints import coupled_joints
 from calibrant.calibrate.kinematics.identify import KinematicCalibration, figure
 from calibrant.calibrate.kinematics.problem import POSITION, ROTATION, ModelErrors
 from calibrant.data import (
@@ -171,7 +172,14 @@ def _fit_check(calibration: KinematicCalibration) -> Check:
     if size <= 0 or left <= DOUBTED * size:
         return Check("fit", "ok", text, after.rms_mm)
     text += f"; {left:.3g} mm are left of a motion of {size:.3g} mm: joints and measurements do not describe one arm. "
-    text += "Are they of one robot and one place of the measuring device, in the right units and the right rows?"
+    coupled = None if calibration.free_model else coupled_joints(calibration.nominal, calibration.measurements)
+    if coupled is not None:
+        how = "added" if coupled.sign > 0 else "taken off"
+        text += f"Joint {coupled.joint + 1} is told with joint {coupled.by + 1} {how}, as where J3 is told against the "
+        text += f"ground (Fanuc): {coupled.error_mm:.3g} mm are left without that; give --identify "
+        text += "offsets,geometry,coupling, or the joints as the links turn"
+    else:
+        text += "Are they of one robot and one place of the measuring device, in the right units and the right rows?"
     return Check("fit", "fail" if left > DISAGREES * size else "warn", text, after.rms_mm)
 
 

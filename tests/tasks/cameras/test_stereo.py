@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,7 +16,7 @@ import calibrant as cb
 from calibrant.cli.application import run
 from calibrant.data import CalibrationResult
 from calibrant.data.details import EpipolarErrors, MarkedPoints, StereoGeometry, TriangulatedEdges
-from calibrant.errors import InputError
+from calibrant.errors import InputError, RefusedError
 from calibrant.opencv import cv2
 
 TARGET = "chessboard:9x6:25mm"
@@ -186,6 +187,38 @@ def test_sides_that_are_swapped_are_said(images: Path) -> None:
 
 
 @pytest.mark.long
+def copied(images: Path, folder: Path, right: list[str], left: list[str] | None = None) -> dict[str, Path]:
+    """The images of both sides in this order, numbered anew, as the options have them."""
+    folder.mkdir()
+    for k, names in enumerate(zip(left or sorted(f.name for f in images.glob("left*.jpg")), right)):
+        for side, name in zip(("left", "right"), names):
+            shutil.copy(images / name, folder / f"{side}{k:02d}.jpg")
+    return {"left": folder / "left*.jpg", "right": folder / "right*.jpg"}
+
+
+@pytest.mark.parametrize(
+    ("order", "words"),
+    [
+        ([*range(6), *range(7, 13)], "pairs-shifted: from right06.jpg on right's pictures come one place too early"),
+        ([*range(1, 13)], "pairs-shifted: right's pictures come one place too early: left01.jpg goes with right00.jpg"),
+        ([*range(12, -1, -1)], "pairs-backwards"),
+    ],
+)
+def test_lists_out_of_step_are_refused_as_the_doctor_names_them(
+    images: Path, tmp_path: Path, order: list[int], words: str
+) -> None:
+    names = sorted(f.name for f in images.glob("right*.jpg"))
+    with pytest.raises(RefusedError, match=words):
+        cb.stereo(**copied(images, tmp_path / "pairs", [names[k] for k in order]), target=TARGET)
+
+
+def test_sides_that_are_swapped_in_some_pairs_are_refused(images: Path, tmp_path: Path) -> None:
+    left, right = (sorted(f.name for f in images.glob(f"{side}*.jpg")) for side in ("left", "right"))
+    some = copied(images, tmp_path / "pairs", [*left[:4], *right[4:]], [*right[:4], *left[4:]])
+    with pytest.raises(RefusedError, match=r"cameras-exchanged: 4 of 13 .* left00.jpg is by right and right00.jpg by"):
+        cb.stereo(**some, target=TARGET)
+
+
 def test_a_hidden_part_is_numbered_by_the_other_camera(images: Path, tmp_path: Path, result: CalibrationResult) -> None:
     """What a hand leaves of two boards counts, under the numbers that it has where all is seen."""
     assert result.observations is not None

@@ -8,6 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
+from calibrant.errors import RefusedError
+from calibrant.tasks.cameras.pair_faults import contradicts_itself, faults_of_pairs
 from calibrant.tasks.cameras.stereo_pictures import StereoPictures, pictures_of
 from calibrant.tasks.inputs import session
 from calibrant.tasks.inputs.bags.sharpest import refuse_beside_bag, taken_together
@@ -111,11 +113,11 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     found = _unmarked(pictures.read(), request)
     session.load_solver(listener)
     with listener.status("Calibrating …"):
-        result = _calibrated(found, request)
+        result = _sound(found, request)
     more = pictures.look_again(found, result)
     if more is not found:
         with listener.status("Calibrating …"):
-            result = _calibrated(_unmarked(more, request), request)
+            result = _sound(_unmarked(more, request), request)
         result = replace(result, notes=(*result.notes, *partner_notes([more])))
     given = {side: limit for side, limit in limits.items() if limit is not None}
     if given or epipolar is not None:
@@ -160,6 +162,38 @@ def _pictures(request: Request, listener: Listener) -> StereoPictures:
 def _unmarked(found: Observations, request: Request) -> Observations:
     """What was found, without the points that an earlier run has marked."""
     return found if request.without_marked is None else without_marked(found, request.without_marked)
+
+
+def _sound(found: Observations, request: Request) -> CalibrationResult:
+    """The pair, of data in which the doctor finds no fault where they contradict themselves. Raises: RefusedError."""
+    from calibrant.data import CalibrationResult
+
+    try:
+        result = _calibrated(found, request)
+    except RefusedError as error:
+        so_far = error.result if isinstance(error.result, CalibrationResult) else None
+        _refuse_faults(found, request, so_far, error)
+        raise
+    if contradicts_itself(result):
+        _refuse_faults(found, request, result)
+    return result
+
+
+def _refuse_faults(
+    found: Observations, request: Request, so_far: CalibrationResult | None, cause: RefusedError | None = None
+) -> None:
+    """Asks the doctor. Raises: RefusedError for a fault that it finds, with the result so far."""
+    names = tuple(found.image_sizes)
+    fault = faults_of_pairs(
+        found,
+        cameras=_cameras(request.camera, "--camera", found),
+        model=_named(one_by_side(request.model, option="--model"), names),
+        photos=request.points.observations is None,
+    )
+    if fault is not None:
+        error = RefusedError(fault)
+        error.result = so_far
+        raise error from cause
 
 
 def _calibrated(found: Observations, request: Request) -> CalibrationResult:

@@ -120,6 +120,29 @@ def test_an_image_that_was_lost_is_dated(seen: Observations) -> None:
     assert "from left08 on, right is 1 image early" in message
 
 
+def lost_from(seen: Observations, first: int) -> Observations:
+    """As after an image of the right camera that was lost: from `first` on its images come one early."""
+    views = tuple(v for v in seen.views if (v.camera, int(v.moment)) != ("right", first))
+    return on_the_right(
+        replace(seen, views=views),
+        lambda v: replace(v, moment=f"{int(v.moment) - 1:02d}") if int(v.moment) > first else v,
+    )
+
+
+def test_half_of_the_pairs_that_are_none_do_not_move_the_place(seen: Observations) -> None:
+    """Seven pairs and seven that are none: their mean is no place of the camera, and the noise of all no scale."""
+    found = cb.calibrate_stereo(lost_from(seen, 7))
+    check, whole = found.check("at-once"), cb.calibrate_stereo(seen)
+    assert "from left07 on, right is 1 image early" in check.message
+    d = 1e3 * (found.transform("left", "right").matrix - whole.transform("left", "right").matrix)[:3, 3]
+    assert np.all(np.abs(d) < 4 * found.transform("left", "right").sigma_translation_mm)
+
+
+def test_images_that_are_out_of_step_from_an_early_one_on_are_refused_with_where(seen: Observations) -> None:
+    with pytest.raises(RefusedError, match=r"do when from left03 on, right is 1 image early: left04 goes with right04"):
+        cb.calibrate_stereo(lost_from(seen, 3))
+
+
 @pytest.mark.parametrize(("turn", "shift"), [(0.01, 2e-3), (0.0015, 3e-4)])
 def test_cameras_that_moved_are_refused_with_when(turn: float, shift: float) -> None:
     T = standard_pair() @ se3.make(so3.exp([0, turn, 0]), [shift, 0, 0])

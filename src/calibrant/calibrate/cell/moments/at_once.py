@@ -8,12 +8,12 @@ agree, other pairings are tried, all views shifted by one, two or three. Cameras
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from calibrant.arrays import Array, Mask
+from calibrant.arrays import Array, Index, Mask
 from calibrant.calibrate.cell.moments.gaps import gap_between
 from calibrant.calibrate.cell.moments.late import led_back, scatter
 from calibrant.calibrate.cell.moments.moved import Move, move_between
@@ -24,6 +24,7 @@ from calibrant.calibrate.cell.moments.pairs import (
     PairErrors,
     PairKey,
     PairPoses,
+    agreed_place,
     apart,
     off,
     pair_poses,
@@ -47,6 +48,8 @@ MOST_OF_IT = 0.5
 """Of the squares that pairs of a video contradict each other by: a step that takes less is none."""
 SHIFTS = (1, -1, 2, -2, 3, -3)
 _LISTED = 4
+_TRIED = 30
+"""Pairs from which on a list may be out of step."""
 
 
 def seen_at_once(
@@ -77,12 +80,11 @@ def seen_at_once(
             checks.append(check)
             known.clear()  # of other lenses
         found = pair_poses(pair, out, own, times, known)
-        D = robust_mean(found.D)
-        if apart(found, D).any():
+        D, wrong = _place(found)
+        if wrong.any():
             known.clear()  # of other poses and lenses
             found = _other_branches(pair, found, D, out, own, times)
-            D = robust_mean(found.D)
-        wrong = apart(found, D)
+            D, wrong = _place(found)
         if clocks and wrong.any():  # pairs on the move contradict those that stand still
             moments = [out[s.list].ids[s.row] for s in pair.seen_b]
             led = replace(found, T_b=led_back(found.T_a, found.T_b, moments, times).T_b)
@@ -102,6 +104,19 @@ def seen_at_once(
         if wrong.any():
             checks.append(_left_out(where, pair, found, D, wrong, out, own))
     return tuple(out), own, tuple(checks)
+
+
+def _place(found: PairPoses) -> tuple[Array, Mask]:
+    """Where b stands to a by most pairs, and the pairs that contradict it. Half of them may be none: their mean is then
+    between the places that pairs have."""
+    D = robust_mean(found.D)
+    wrong = apart(found, D)
+    if wrong.any():
+        other = agreed_place(found)
+        less = apart(found, other)
+        if less.sum() <= wrong.sum():
+            return other, less
+    return D, wrong
 
 
 def _lost(
@@ -289,18 +304,21 @@ def _no_pairs(pair: Common, found: PairPoses, agreeing: int, middle: Array) -> s
     """Most pairs contradict each other: is there a shift or a reflection under which they do not?"""
     n = len(found)
     text = f"only {agreeing} of {n} pairs agree on where {pair.b} stands to {pair.a}"
-    for shift in SHIFTS:
-        a = np.arange(max(0, -shift), n - max(0, shift))
-        if len(a) < LEAST:
-            continue
-        tried = found.take(a, a + shift)
-        fits = ~apart(tried, robust_mean(tried.D))
-        if fits.sum() > max(agreeing, len(a) / 2):
-            example = f"{found.names_a[a[0]]} goes with {found.names_b[a[0] + shift]}"
-            return (
-                f"{text}; {int(fits.sum())} of {len(a)} do when {_late(pair, shift)}: {example}. The images are paired "
-                "wrongly, shifted: leave out what has no partner, or name the files so that a pair has one name"
-            )
+    best, most = None, agreeing
+    for first, shift, a, b in _shifted(n):
+        tried = found.take(a, b)
+        fits = int((~apart(tried, robust_mean(tried.D))).sum())
+        if fits > max(most, len(a) / 2):
+            best, most = (first, shift, a, b), fits
+    if best is not None:
+        first, shift, a, b = best
+        k = int(np.argmax(a != b))
+        since = f"from {found.names_a[first]} on, " if first else ""
+        return (
+            f"{text}; {most} of {len(a)} do when {since}{_late(pair, shift)}: {found.names_a[a[k]]} goes with "
+            f"{found.names_b[b[k]]}. The images are paired wrongly, shifted: leave out what has no partner, or name "
+            "the files so that a pair has one name"
+        )
     reflected = _reflected(pair, found, agreeing, middle)
     if reflected is not None:
         return f"{text}; {reflected}"
@@ -308,6 +326,19 @@ def _no_pairs(pair: Common, found: PairPoses, agreeing: int, middle: Array) -> s
         f"{text}: the images are paired wrongly, the board moved between the two shutters, or the cameras are not "
         "fixed to each other"
     )
+
+
+def _shifted(n: int) -> Iterator[tuple[int, int, Index, Index]]:
+    """From which pair on b's views come how many moments late, and the pairs (a, b) as they then are; all first."""
+    every = np.arange(n)
+    for shift in SHIFTS:
+        a = every[max(0, -shift) : n - max(0, shift)]
+        if len(a) >= LEAST:
+            yield 0, shift, a, a + shift
+    for first in range(2, n - LEAST + 1, max(1, n // _TRIED)):
+        for shift in (1, -1):
+            a = every[(every < first) | ((every + shift >= first) & (every + shift < n))]
+            yield first, shift, a, np.where(a < first, a, a + shift)
 
 
 def _moved_words(pair: Common, found: PairPoses, move: Move) -> str:

@@ -35,10 +35,15 @@ class Led:
         return self.scatter < SHARPER
 
 
+def distances(D: Array, place: Array) -> Array:
+    """Distance (n,) of each of D (n, 4, 4) from a place; a radian counts as a metre."""
+    mm, deg = se3.deviation(np.broadcast_to(place, D.shape), D)
+    return np.asarray(1e-3 * mm + np.deg2rad(deg))
+
+
 def scatter(D: Array) -> float:
-    """Median distance of D (n, 4, 4) from the place that most agree on; a radian counts as a metre."""
-    mm, deg = se3.deviation(np.broadcast_to(robust_mean(D), D.shape), D)
-    return float(np.median(1e-3 * mm + np.deg2rad(deg)))
+    """Median distance of D (n, 4, 4) from the place that most agree on."""
+    return float(np.median(distances(D, robust_mean(D))))
 
 
 def led_back(T_a: Array, T_b: Array, moments: Sequence[str], times: Mapping[str, float]) -> Led:

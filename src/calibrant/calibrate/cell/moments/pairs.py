@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calibrant.arrays import Array, Mask
-from calibrant.calibrate.cell.moments.late import scatter
+from calibrant.calibrate.cell.moments.late import distances, scatter
 from calibrant.calibrate.cell.moments.sightings import (
     Common,
     Sighting,
@@ -130,19 +130,18 @@ def apart(found: PairPoses, D: Array) -> Mask:
     if not noisier.any():
         return noisier  # and nothing asks what the others say
     # What boards, lenses and clocks have in common moves all pairs; those that are none say nothing of it.
-    telling = np.ones_like(noisier) if _are_pairs(found) else ~noisier
+    any_views = _scatter_of_any(found)
+    pairs = len(found) >= LEAST and scatter(found.D) < PAIRED * any_views
+    telling = distances(found.D, D) < PAIRED * any_views if pairs else ~noisier
     scale = max(float(np.median(statistic[telling])) / CHI2_6_MEDIAN, 1.0) if telling.any() else 1.0
     return np.asarray((statistic / scale > CHI2_6_LIMIT) & noisier)
 
 
-def _are_pairs(found: PairPoses) -> bool:
-    """Whether the pairs agree far better than the same views would in any other order: then they are pairs, however
-    little they agree."""
+def _scatter_of_any(found: PairPoses) -> float:
+    """How far the same views are from agreeing in another order. Pairs that agree far better are pairs, however little
+    they agree; one as far from their place is none, whatever the others are."""
     n = len(found)
-    if n < LEAST:
-        return False
-    mixed = found.take(range(n), np.roll(np.arange(n), n // 2))
-    return scatter(found.D) < PAIRED * scatter(mixed.D)
+    return scatter(found.take(range(n), np.roll(np.arange(n), n // 2)).D) if n >= LEAST else 0.0
 
 
 def agreed_place(found: PairPoses) -> Array:

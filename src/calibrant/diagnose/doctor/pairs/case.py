@@ -8,7 +8,7 @@ most agree on is the loop of a stereo pair; a fault in the data opens it, and wh
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -37,6 +37,10 @@ class Lens:
 
     camera: Camera
     sigma_px: float
+
+
+LensOf = Callable[[Observations, str], Lens]
+"""The lens of a camera of these observations, by its name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,9 +89,9 @@ def loop_of(found: PairPoses, place: Array) -> Loop:
     return Loop(float(np.sqrt(np.mean(mm**2))), float(np.sqrt(np.mean(deg**2))))
 
 
-def pair_case(observations: Observations, before: PairCase | None = None) -> PairCase:
+def pair_case(observations: Observations, before: PairCase | None = None, lens: LensOf | None = None) -> PairCase:
     """The pairs of two cameras' views, each camera calibrated from its own; before: as they were, whose lenses are kept
-    where a camera has the same views.
+    where a camera has the same views; lens: who says a camera's lens, `lens_of` unless given.
 
     Raises: InputError for other than two cameras; RefusedError where they share too few moments, or a lens is unknown.
     """
@@ -102,7 +106,8 @@ def pair_case(observations: Observations, before: PairCase | None = None) -> Pai
             "others tell nothing of how they belong together"
         )
     seen = tuple(each[0][m] for m in both), tuple(each[1][m] for m in both)
-    left, right = (_kept_lens(before, observations, name) or lens_of(observations, name) for name in names)
+    asked = lens or lens_of
+    left, right = (_kept_lens(before, observations, name) or asked(observations, name) for name in names)
     lenses = left, right
     return PairCase(observations, *names, seen, lenses, poses_of(seen, lenses, observations.target))
 
@@ -118,18 +123,37 @@ def _kept_lens(before: PairCase | None, observations: Observations, name: str) -
     return before.lenses[(before.left, before.right).index(name)] if same else None
 
 
-def lens_of(observations: Observations, name: str) -> Lens:
+def lens_of(observations: Observations, name: str, *, model: str = "brown") -> Lens:
     """A camera by its own views, also where these do not pass as a calibration. Raises: RefusedError without one."""
-    mine = observations.of_camera(name)
-    alone = replace(mine, views=tuple(v for v in mine.views if len(v) >= FEWEST_POINTS))
     try:
-        result = calibrate_intrinsics(alone)
+        result = calibrate_intrinsics(_alone(observations, name), model=model)
     except RefusedError as error:
         found = error.result
         if not isinstance(found, CalibrationResult) or not found.cameras:
             raise RefusedError(f"camera {name}: {error}") from error
         result = found
     return Lens(next(iter(result.cameras.values())), result.sigma_px or 1.0)
+
+
+def lenses(known: Mapping[str, Camera], model: Mapping[str, str]) -> LensOf:
+    """Lenses by name: as they are known, else of a model (brown where none is named) by the views."""
+
+    def lens(observations: Observations, name: str) -> Lens:
+        if name not in known:
+            return lens_of(observations, name, model=model.get(name, "brown"))
+        views, camera = _alone(observations, name).views, known[name]
+        T = target_poses(camera, views).T_camera_target
+        squares = sum(float(np.sum(v.residuals(camera, pose) ** 2)) for v, pose in zip(views, T))
+        freedom = sum(2 * len(v) - 6 for v in views)
+        return Lens(camera, float(np.sqrt(squares / freedom)) or 1.0)
+
+    return lens
+
+
+def _alone(observations: Observations, name: str) -> Observations:
+    """The views of one camera that say where it stands."""
+    mine = observations.of_camera(name)
+    return replace(mine, views=tuple(v for v in mine.views if len(v) >= FEWEST_POINTS))
 
 
 def poses_of(

@@ -9,14 +9,14 @@ import numpy as np
 from calibrant.data import CalibrationResult, Check, Measured, Observations, ViewResult, verdict_of
 from calibrant.data.details import Deviations, Fault, Faults, LoopSpread, ViewDeviation
 from calibrant.diagnose.doctor.evidence.loop import Loop
-from calibrant.diagnose.doctor.pairs.case import PairCase, pair_case
+from calibrant.diagnose.doctor.pairs.case import LensOf, PairCase, pair_case
 from calibrant.diagnose.doctor.pairs.finding import PairFinding
 from calibrant.diagnose.doctor.pairs.lenses import exchanged, mirrored, of_another_camera
 from calibrant.diagnose.doctor.pairs.orders import examine, exchanged_partners
 from calibrant.diagnose.doctor.pairs.standing import moved, not_at_once, sides
 from calibrant.geometry import se3
 
-QUESTIONS = (of_another_camera, mirrored, examine, moved, exchanged, exchanged_partners, not_at_once, sides)
+QUESTIONS = (of_another_camera, mirrored, examine, exchanged, moved, exchanged_partners, not_at_once, sides)
 """Leaving pairs out explains nothing and comes last; which side is which is asked of pairs that agree."""
 MOST_FAULTS = 12
 
@@ -35,12 +35,13 @@ class PairDiagnosis:
         return all(f.status != "fail" for f in self.findings)
 
 
-def diagnose_pairs(observations: Observations) -> PairDiagnosis:
+def diagnose_pairs(observations: Observations, *, lens: LensOf | None = None) -> PairDiagnosis:
     """Diagnose the views of two cameras that are fixed to each other; the first of the observations is the left one.
 
+    lens: who says a camera's lens; by its own views unless given.
     Raises: InputError for other than two cameras; RefusedError where they share too few moments.
     """
-    given = case = pair_case(observations)
+    given = case = pair_case(observations, lens=lens)
     findings: list[PairFinding] = []
     while len(findings) < MOST_FAULTS:
         found = next((f for ask in QUESTIONS if (f := ask(case)) is not None), None)
@@ -49,7 +50,7 @@ def diagnose_pairs(observations: Observations) -> PairDiagnosis:
         findings.append(found)
         if found.repair is None:
             break
-        case = pair_case(found.repair(case.observations), case)
+        case = pair_case(found.repair(case.observations), case, lens)
     rank = {"fail": 0, "warn": 1, "ok": 2}
     return PairDiagnosis(given, case, tuple(sorted(findings, key=lambda f: rank[f.status])))
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import PurePosixPath
 
 from calibrant.errors import InputError
-from calibrant.formats.projects.records import Project, Seen
+from calibrant.formats.projects.records import Project, Seen, Touched
 
 LONGEST_NAME = 100
 _SEPARATORS = "=:,@"
@@ -37,8 +37,11 @@ def check_name(name: str) -> str:
 
 def check_project(project: Project) -> None:
     """Raises: InputError for a name that cannot be, two things of one name, or a thing that is used and not there."""
-    for name in (*project.components, *project.observations):
+    for name in (*project.components, *project.observations, *project.touches):
         check_name(name)
+    both = next((n for n in project.touches if n in project.observations), None)
+    if both is not None:
+        raise InputError(f"there are observations and touches called {both!r}; call one otherwise")
     taken: dict[str, str] = {}
     for name in project.components:
         other = taken.setdefault(name.casefold(), name)
@@ -50,11 +53,13 @@ def check_project(project: Project) -> None:
         except InputError as error:
             raise InputError(f"{what}: {error}") from None
     for name, c in project.components.items():
-        if c.kind == "rig":
-            others = [r for r in project.of_kind("rig") if r != name]
-            twice = next((x for x in c.cameras for r in others if x in project.components[r].cameras), None)
-            if twice is not None or len(set(c.cameras)) < len(c.cameras):
-                raise InputError(f"rig {name}: camera {twice or c.cameras[0]} stands in it twice, or in another rig")
+        if c.kind in ("rig", "body"):
+            mine = c.cameras or c.targets
+            others = {m for o in project.of_kind(c.kind) if o != name for m in _members(project, o)}
+            twice = next((m for m in mine if m in others or mine.count(m) > 1), None)
+            if twice is not None:
+                what = "camera" if c.kind == "rig" else "target"
+                raise InputError(f"{c.kind} {name}: {what} {twice} stands in it twice, or in another {c.kind}")
     for kept in project.results:
         parts = PurePosixPath(kept.file).parts
         if len(parts) != 2 or parts[0] != _RESULTS or parts[1].startswith(".") or "\\" in kept.file:
@@ -66,15 +71,29 @@ def _uses(project: Project) -> Iterator[tuple[str, str, str]]:
     for name, c in project.components.items():
         words = f"{c.kind} {name}"
         yield from ((words, camera, "camera") for camera in c.cameras)
+        yield from ((words, target, "target") for target in c.targets)
         if c.camera:
             yield words, c.camera, "camera"
         if c.robot:
             yield words, c.robot, "robot"
     for name, seen in project.observations.items():
         yield from ((f"observations {name}", used, kind) for used, kind in used_by(seen))
+    for name, touched in project.touches.items():
+        yield from ((f"touches {name}", used, kind) for used, kind in used_by_touches(touched))
 
 
 def used_by(seen: Seen) -> tuple[tuple[str, str], ...]:
     """The components that observations name, and the kind of each."""
     named = ((seen.camera, "camera"), (seen.target, "target"), (seen.projector, "projector"), (seen.robot, "robot"))
     return tuple((name, kind) for name, kind in named if name)
+
+
+def used_by_touches(touched: Touched) -> tuple[tuple[str, str], ...]:
+    """The components that touches name, and the kind of each."""
+    named = ((touched.tool, "tool"), (touched.robot, "robot"), (touched.target, "target"))
+    return tuple((name, kind) for name, kind in named if name)
+
+
+def _members(project: Project, name: str) -> tuple[str, ...]:
+    """The cameras of a rig, the targets of a body."""
+    return project.components[name].cameras or project.components[name].targets

@@ -8,11 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from typing import TypeVar
 
 from calibrant.errors import InputError
-from calibrant.formats.projects.checks import check_name, check_project, used_by
+from calibrant.formats.projects.checks import check_name, check_project, used_by, used_by_touches
 from calibrant.formats.projects.frames import BASE, GRIPPER, check_frames, frame_named
-from calibrant.formats.projects.records import Component, Kept, Placement, Project, Seen
+from calibrant.formats.projects.records import Component, Kept, Placement, Project, Seen, Touched
+
+R = TypeVar("R", Seen, Touched)
 
 
 def with_component(project: Project, name: str, component: Component) -> Project:
@@ -29,6 +32,14 @@ def with_seen(project: Project, name: str, seen: Seen) -> Project:
             f"there are observations called {name!r} already; add to them with --more, or take another name"
         )
     return _checked(replace(project, observations={**project.observations, name: seen}))
+
+
+def with_touches(project: Project, name: str, touched: Touched) -> Project:
+    """More touches. Raises: InputError for a name that is taken, and for components that are not there."""
+    name = check_name(name)
+    if name in project.touches or name in project.observations:
+        raise InputError(f"there are touches or observations called {name!r} already; take another name")
+    return _checked(replace(project, touches={**project.touches, name: touched}))
 
 
 def with_more_seen(project: Project, name: str, more: Seen) -> Project:
@@ -58,6 +69,8 @@ def without(project: Project, name: str) -> Project:
         left = {n: seen for n, seen in project.observations.items() if n != name}
         results = tuple(k for k in project.results if not (k.of == "seen" and k.name == name))
         return replace(project, observations=left, results=results)
+    if name not in project.components and name in project.touches:
+        return replace(project, touches={n: t for n, t in project.touches.items() if n != name})
     _require(project, name)
     users = list(_users(project, name))
     if users:
@@ -77,6 +90,11 @@ def renamed(project: Project, old: str, new: str) -> Project:
         seen = {new if n == old else n: s for n, s in project.observations.items()}
         results = tuple(replace(k, name=new) if k.of != "given" and k.name == old else k for k in project.results)
         return replace(project, observations=seen, results=results)
+    if old not in project.components and old in project.touches:
+        kept = {check_name(new) if n == old else n: t for n, t in project.touches.items()}
+        if len(kept) < len(project.touches):
+            raise InputError(f"there are touches called {new!r} already")
+        return _checked(replace(project, touches=kept))
     _require(project, old)
     new = check_name(new)
     taken = next((n for n in project.components if n != old and n.casefold() == new.casefold()), None)
@@ -84,10 +102,10 @@ def renamed(project: Project, old: str, new: str) -> Project:
         raise InputError(f"there is a {project.components[taken].kind} called {taken!r} already")
     names = {old: new, **({f"{old}_{GRIPPER}": f"{new}_{GRIPPER}"} if project.components[old].kind == "robot" else {})}
     components = {names.get(n, n): _component_renamed(c, names) for n, c in project.components.items()}
-    seen = {n: _seen_renamed(s, names) for n, s in project.observations.items()}
-    return _checked(
-        replace(project, components=components, observations=seen, world=names.get(project.world, project.world))
-    )
+    seen = {n: _named_otherwise(s, _NAMED_BY_SEEN, names) for n, s in project.observations.items()}
+    touches = {n: _named_otherwise(t, _NAMED_BY_TOUCHES, names) for n, t in project.touches.items()}
+    world = names.get(project.world, project.world)
+    return _checked(replace(project, components=components, observations=seen, touches=touches, world=world))
 
 
 def names_in_result(kept: Kept, old: str, new: str) -> Mapping[str, str]:
@@ -153,13 +171,16 @@ def _free_name(project: Project, name: str) -> str:
 def _users(project: Project, name: str) -> Iterator[str]:
     """What needs a component, in words."""
     for other, c in project.components.items():
-        if name in (*c.cameras, c.camera, c.robot):
+        if name in (*c.cameras, *c.targets, c.camera, c.robot):
             yield f"the {c.kind} {other}"
         elif c.pose is not None and other != name and _belongs(project, c.pose.relative_to, name):
             yield f"the pose of {other}"
     for listed, seen in project.observations.items():
         if name in dict(used_by(seen)):
             yield f"the observations {listed}"
+    for listed, touched in project.touches.items():
+        if name in dict(used_by_touches(touched)):
+            yield f"the touches {listed}"
 
 
 def _belongs(project: Project, frame: str, name: str) -> bool:
@@ -181,17 +202,19 @@ def _component_renamed(c: Component, names: Mapping[str, str]) -> Component:
         pose=pose,
         shown_in=named(c.shown_in),
         cameras=tuple(map(named, c.cameras)),
+        targets=tuple(map(named, c.targets)),
         camera=named(c.camera),
         robot=named(c.robot),
     )
 
 
-def _seen_renamed(seen: Seen, names: Mapping[str, str]) -> Seen:
-    used = {field: names.get(getattr(seen, field), getattr(seen, field)) for field in _NAMED_BY_SEEN}
-    return replace(seen, **used)
+def _named_otherwise(record: R, fields: tuple[str, ...], names: Mapping[str, str]) -> R:
+    used = {field: names.get(getattr(record, field), getattr(record, field)) for field in fields}
+    return replace(record, **used)
 
 
 _NAMED_BY_SEEN = ("camera", "target", "projector", "robot")
+_NAMED_BY_TOUCHES = ("tool", "robot", "target")
 
 
 def _joined(before: tuple[str, ...], more: tuple[str, ...]) -> tuple[str, ...]:

@@ -1,7 +1,8 @@
 """Where every component of a project is, in the frame of any other.
 
 A component is a frame of its own name; of a robot that is its base, and its gripper is NAME_gripper. Where there is one
-robot its frames are called "base" and "gripper" too, as results call them. A rig is at its first camera.
+robot its frames are called "base" and "gripper" too, as results call them. A rig is at its first camera, a body at its
+first target.
 
 Poses come from the results, with their covariance, and from what was typed in or read, which stands in the place of a
 result's for its own component alone.
@@ -85,7 +86,7 @@ def frame_named(project: Project, name: str) -> str:
     """The frame that a name stands for. Raises: InputError listing those that there are."""
     component = project.components.get(name)
     if component is not None:
-        return component.cameras[0] if component.kind == "rig" else name
+        return (*component.cameras, *component.targets, name)[0]
     robots = project.of_kind("robot")
     if len(robots) == 1 and name in (BASE, GRIPPER):
         return robots[0] if name == BASE else f"{robots[0]}_{GRIPPER}"

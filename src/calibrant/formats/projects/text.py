@@ -18,8 +18,9 @@ from calibrant.formats.projects.records import Project
 from calibrant.reading.files import DOCUMENT
 from calibrant.targets.yaml_file import parse_yaml
 
-NUMBER = 1
-"""Of the format; a change that older programs would misread raises it, and reads the lower ones."""
+NUMBER = 2
+"""Of the format; a change that older programs would misread raises it, and reads the lower ones. 2: touches, bodies,
+bags, joint values and clocks."""
 MARK = "calibrant-project"
 _END = "..."
 _HEAD = "# A calibrant project; see docs/project.md. Edited by hand it stays readable: leave the last line as it is.\n"

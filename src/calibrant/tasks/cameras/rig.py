@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
 from calibrant.errors import InputError
 from calibrant.tasks.cameras.rig_pictures import ONLY_BOARD, RigPictures
+from calibrant.tasks.cameras.rig_solving import RigAsked, Sizes, require_times, solved_rig
 from calibrant.tasks.inputs import session
 from calibrant.tasks.inputs.bags.sharpest import refuse_beside_bag, taken_together
 from calibrant.tasks.inputs.by_camera import (
@@ -18,7 +20,6 @@ from calibrant.tasks.inputs.by_camera import (
     one_by_camera,
     several_by_camera,
 )
-from calibrant.tasks.inputs.by_partner import partner_notes
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.bags import BagOptions
 from calibrant.tasks.options.choices import MODELS, PAIR_RULES
@@ -29,10 +30,9 @@ from calibrant.tasks.outcome import Outcome
 
 if TYPE_CHECKING:
     from calibrant.cameras import Camera
-    from calibrant.data import CalibrationResult, Observations
 
 V = TypeVar("V")
-ByMoment = Mapping[str, float] | Mapping[str, Mapping[str, float]]
+_TIMES_CURE = "give videos, images with time stamps in their names, --times FILE, or numbered images and --fps RATE"
 EXAMPLE = (
     'cb.rig(images={"left": "left.mp4", "top": "top.mp4", "right": "right.mp4"}, '
     'target="charuco:5x7:36mm:18mm:DICT_6X6_250")'
@@ -101,27 +101,12 @@ def _inputs(request: Request, pictures: RigPictures) -> list[Path]:
 
 def run(request: Request, listener: Listener = SILENT) -> Outcome:
     """The rig, reviewed. Raises: InputError; RefusedError with the result that failed its checks."""
-    from calibrant.data import Check
     from calibrant.data.verdicts import refuse_if_failed
 
     pictures = _pictures(request, listener)
-    times = _times(request, pictures)
-    found = pictures.read()
-    session.load_solver(listener)
-    with listener.status("Calibrating …"):
-        result = _calibrated(found, request, times)
-    more = pictures.look_again(found, result)
-    if more is not found:
-        with listener.status("Calibrating …"):
-            result = _calibrated(more, request, times)
-        result = replace(result, notes=(*result.notes, *partner_notes(more.values())))
-    mirrored = split_names(request.search.mirror)
-    if mirrored:
-        result = replace(result, options={**result.options, "mirror_x": list(mirrored)})
-    if pictures.matched:
-        result = replace(result, checks=(Check("matching", "ok", pictures.matched), *result.checks))
-    if pictures.own_times is not None:
-        result = replace(result, checks=(Check("times", "ok", pictures.own_times.words), *result.checks))
+    clocks = [o for o, asked in (("--time-offsets", request.time_offsets), ("--readout", request.readout)) if asked]
+    require_times(pictures, clocks, _TIMES_CURE)
+    result = solved_rig(pictures, partial(_asked, request), listener)
     result = replace(result, inputs=session.file_records(_inputs(request, pictures)))
     result = session.with_misses(result)
     refuse_if_failed(result)
@@ -185,18 +170,6 @@ def _specs(request: Request, cameras: tuple[str, ...]) -> dict[str, dict[str, st
     return {camera: {ONLY_BOARD: own[camera]} for camera in cameras}
 
 
-def _times(request: Request, pictures: RigPictures) -> ByMoment:
-    """Seconds by moment, or by camera and moment. Raises: InputError where clocks are asked for and none is told."""
-    times = pictures.times
-    if (request.time_offsets or request.readout) and not times:
-        asked = "--time-offsets" if request.time_offsets else "--readout"
-        raise InputError(
-            f"{asked} needs the time of every picture: give videos, images with time stamps in their names, --times "
-            "FILE, or numbered images and --fps RATE"
-        )
-    return times
-
-
 def _names(request: Request, pictures: RigPictures) -> tuple[str, ...]:
     """Names of the cameras: of the images, or in the file of points."""
     if pictures.images:
@@ -210,23 +183,18 @@ def _lens_files(request: Request) -> tuple[tuple[tuple[str, ...], str], ...]:
     return (request.camera, "--camera"), (request.initial, "--initial")
 
 
-def _calibrated(found: Mapping[str, Observations], request: Request, times: ByMoment) -> CalibrationResult:
-    from calibrant.calibrate.cell.rig import calibrate_rig
-
-    sizes = {camera: size for seen in found.values() for camera, size in seen.image_sizes.items()}
+def _asked(request: Request, sizes: Sizes) -> RigAsked:
     names = tuple(sizes)
     known, guessed = (_cameras(values, option, sizes) for values, option in _lens_files(request))
-    return calibrate_rig(
-        found if list(found) != [ONLY_BOARD] else found[ONLY_BOARD],
+    return RigAsked(
         cameras=known,
         initial=guessed,
         model=_same_for_all(one_by_camera(request.model, names, option="--model"), names, "brown"),
         fix=_same_for_all(several_by_camera(request.fix, names, option="--fix"), names, ()),
         reference=request.reference,
-        times=times,
         time_offsets=request.time_offsets,
         readout=request.readout,
-        rigid=[split_names([group]) for group in request.rigid],
+        rigid=tuple(split_names([group]) for group in request.rigid),
     )
 
 

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calibrant.errors import DetectionError, InputError
-from calibrant.tasks.inputs.by_partner import numbered_by_partners
 from calibrant.tasks.inputs.image_moments import ImageMoments, images_by_moment, matched_images
 from calibrant.tasks.inputs.moment_times import moment_times
 from calibrant.tasks.inputs.picture_times import EVERY, PictureTimes, read_picture_times
+from calibrant.tasks.inputs.second_look import looked_again
 from calibrant.tasks.inputs.seen_together import of_camera, together
 from calibrant.tasks.inputs.shared_photos import refuse_shared_photos
 from calibrant.tasks.inputs.sources import Source, kept
@@ -33,7 +33,8 @@ ONLY_BOARD = "target"
 class RigPictures:
     """images: of each camera by name; specs: by camera, the spec of every board it is searched for, by the board's
     name; observations: a file of points of all cameras instead; fps: pictures a second, table: a file of when each
-    picture was taken, where they are said; recorded: the same of pictures in a bag."""
+    picture was taken, where they are said; recorded: the same of pictures in a bag; known: by board and camera, what
+    was found in these images before, in place of a search."""
 
     images: Mapping[str, tuple[str, ...]]
     specs: Mapping[str, Mapping[str, str]]
@@ -45,6 +46,12 @@ class RigPictures:
     corners: CornerOptions
     listener: Listener
     recorded: PictureTimes | None = None
+    known: Mapping[str, Mapping[str, Observations]] | None = None
+
+    @property
+    def mirrored(self) -> tuple[str, ...]:
+        """Cameras that deliver mirror images."""
+        return split_names(self.search.mirror)
 
     @cached_property
     def files(self) -> dict[str, list[Path]]:
@@ -121,6 +128,11 @@ class RigPictures:
 
         if self.observations is not None:
             return {ONLY_BOARD: self._points_of(self.observations)}
+        if self.known is not None:
+            return {
+                board: together([_of_moments(seen, c, self.moments[c]) for c, seen in by_camera.items()])
+                for board, by_camera in self.known.items()
+            }
         parts: dict[str, list[Observations]] = {}
         with executor_for(self.search.workers, sum(map(len, self.moments.values()))) as executor:
             for camera, moments in self.moments.items():
@@ -153,22 +165,16 @@ class RigPictures:
     def look_again(self, found: Mapping[str, Observations], result: CalibrationResult) -> Mapping[str, Observations]:
         """The observations with the corners that known cameras help to find, and parts of chessboards that other
         cameras number; itself where none was found."""
-        out = dict(found)
-        for board, seen in found.items() if self.images else ():
-            sources = {camera: self._source(camera, self.specs[camera][board]) for camera in seen.image_sizes}
-            for camera, source in sources.items():
-                mine = seen.of_camera(camera)
-                again = source.look_again(mine, result.cameras[camera])
-                if again is not mine:
-                    others = tuple(v for v in out[board].views if v.camera != camera)
-                    out[board] = replace(out[board], views=(*others, *again.views))
-            out[board] = numbered_by_partners(out[board], result, sources=sources, moments=self.moments)
-        return found if all(out[board] is seen for board, seen in found.items()) else out
+        if not self.images:
+            return found
+        sources = {
+            board: {camera: self._source(camera, self.specs[camera][board]) for camera in seen.image_sizes}
+            for board, seen in found.items()
+        }
+        return looked_again(found, result, sources=sources, moments=self.moments)
 
     def _source(self, camera: str, spec: str) -> Source:
-        search = SearchOptions(
-            mirror_x=camera in split_names(self.search.mirror), workers=self.search.workers, cache=self.search.cache
-        )
+        search = SearchOptions(mirror_x=camera in self.mirrored, workers=self.search.workers, cache=self.search.cache)
         beside = tuple(other for other in self.specs[camera].values() if other != spec)
         return Source(
             target=spec,
@@ -184,3 +190,11 @@ class RigPictures:
         if len(found.image_sizes) < 2:
             raise InputError(f"{file} holds views of {', '.join(found.image_sizes)} alone; a rig takes two cameras")
         return found
+
+
+def _of_moments(seen: Observations, camera: str, moments: Mapping[Path, str]) -> Observations:
+    """What a camera saw in the images that count, under its name and their moments."""
+    files = {str(file) for file in moments}
+    views = tuple(v for v in seen.views if v.file in files)
+    missed = tuple(m for m in seen.missed if m.file in files)
+    return of_camera(replace(seen, views=views, missed=missed), camera, moments)

@@ -2,107 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from calibrant.errors import InputError
 from calibrant.tasks.listener import SILENT, Listener
-from calibrant.tasks.options.choices import MODELS
 from calibrant.tasks.options.fields import spread
 from calibrant.tasks.options.option import Option
-from calibrant.tasks.options.patterns import PatternOptions
-from calibrant.tasks.options.poses import PoseOptions
 from calibrant.tasks.options.project import ProjectOptions, command_line
 from calibrant.tasks.options.words import pixels, split_names
 from calibrant.tasks.outcome import Outcome
+from calibrant.tasks.project.add_options import COMPONENTS, KINDS, OPTIONS, ComponentOptions, SeenOptions
 from calibrant.tasks.project.shown import changed
 
 if TYPE_CHECKING:
-    from calibrant.formats.projects.records import Component, Project, Seen
+    from calibrant.formats.projects.records import Component, Notation, Project, Recording, Seen, Touched
 
 EXAMPLE = 'cb.project_add("camera", "left", project="cell", model="brown")'
-COMPONENTS = ("camera", "rig", "projector", "robot", "tool", "target", "frame")
-OBSERVATIONS = ("images", "captures", "points")
-KINDS = (*COMPONENTS, *OBSERVATIONS)
-
-_LENS = frozenset({"file", "start", "model", "fix"})
-_PATTERNS = frozenset({"projector_size", "code", "period", "shifts"})
-_POSES = frozenset({"pose_units", "pose_rotation", "pose_angle", "pose_direction", "robot_format"})
-_SEEN = frozenset({"camera", "target", "setup", "robot", "poses", "mirror_x", "exclude", "more"}) | _POSES
-OPTIONS: Mapping[str, frozenset[str]] = {
-    "camera": _LENS,
-    "rig": frozenset({"cameras"}),
-    "projector": _LENS | _PATTERNS | {"camera"},
-    "robot": frozenset({"accuracy"}),
-    "tool": frozenset({"robot"}),
-    "target": frozenset({"spec"}),
-    "frame": frozenset(),
-    "images": _SEEN | {"images"},
-    "captures": _SEEN | {"captures", "projector"},
-    "points": (_SEEN - {"mirror_x"}) | {"points", "projector"},
-}
-"""The options of each kind."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ComponentOptions:
-    """What components say."""
-
-    file: Annotated[Path | None, Option("FILE")] = None
-    """Of a camera or projector: its lens, where it is known (any format), held within its uncertainty."""
-    start: bool = False
-    """Calibrate the lens all the same, beginning with that of --file."""
-    model: Annotated[str, Option("NAME", choices=MODELS)] = ""
-    """Of a camera or projector: its model; brown unless given."""
-    fix: Annotated[tuple[str, ...], Option("NAMES", names=True)] = ()
-    """Of a camera or projector: hold these, e.g. k3, aspect, tangential."""
-    cameras: Annotated[tuple[str, ...], Option("NAMES")] = ()
-    """Of a rig: the cameras that are fixed to each other; the first one's frame is the rig's."""
-    accuracy: Annotated[str, Option("LENGTH,ANGLE")] = ""
-    """Of a robot: how far its flange is off, rms: 0.3mm or 0.3mm,0.02deg."""
-    spec: Annotated[str, Option("SPEC")] = ""
-    """Of a target: the board, such as chessboard:9x6:25mm, or a file."""
-    patterns: PatternOptions = PatternOptions()
-
-
-@dataclass(frozen=True, kw_only=True)
-class SeenOptions:
-    """What observations say. camera, robot and projector are names in the project."""
-
-    camera: Annotated[str, Option("NAME")] = ""
-    """Of observations: the camera; of a projector: the camera that sees its light."""
-    target: Annotated[str, Option("NAME")] = ""
-    """Of observations: the target that was seen."""
-    projector: Annotated[str, Option("NAME")] = ""
-    """Of captures: the projector that shone."""
-    robot: Annotated[str, Option("NAME")] = ""
-    """Of observations: the robot at whose poses they were made; of a tool: the one that holds it."""
-    setup: Annotated[str, Option("NAME", choices=("auto", "eye-in-hand", "eye-to-hand", "standing", "handheld"))] = ""
-    """Of observations: eye-in-hand, eye-to-hand, or auto (with a robot, the default), standing, handheld (without)."""
-    images: Annotated[tuple[str, ...], Option("IMAGES", "-i")] = ()
-    """Photos, folders, patterns in quotes, or videos; a folder's new photos are noticed by solve."""
-    captures: Annotated[tuple[str, ...], Option("DIRS")] = ()
-    """A folder of photos of all patterns for each pose, or one that holds these folders."""
-    points: Annotated[Path | None, Option("FILE")] = None
-    """Points found before (calibrant detect --out)."""
-    poses: Annotated[tuple[str, ...], Option("FILES")] = ()
-    """The robot's poses: a file, or one file a pose."""
-    robot_format: Annotated[str, Option("MAKER")] = ""
-    """How poses are written: ur, franka, kuka, fanuc, abb, yaskawa, staubli, kawasaki."""
-    mirror_x: bool = False
-    """The camera delivers mirror images: flip them left to right."""
-    exclude: Annotated[tuple[str, ...], Option("NAMES")] = ()
-    """Images or captures to leave out, by name."""
-    more: bool = False
-    """Add to the observations of that name: more images, captures, poses, names to leave out."""
-    form: PoseOptions = PoseOptions()
 
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """Add a component (camera, rig, projector, robot, tool, target, frame) or observations (images, captures, points).
+    """Add a component (camera, rig, projector, robot, tool, target, body, frame) or observations (images, bag,
+    captures, points, touches).
 
     calibrant project add robot ur --accuracy 0.1mm
     calibrant project add target board --spec chessboard:9x6:25mm
@@ -113,7 +36,7 @@ class Request:
     """
 
     kind: Annotated[str, Option("KIND", positional=True, choices=KINDS)]
-    """camera, rig, projector, robot, tool, target or frame; images, captures or points."""
+    """camera, rig, projector, robot, tool, target, body or frame; images, bag, captures, points or touches."""
     name: Annotated[str, Option("NAME", positional=True)]
     """What it is called in the project."""
     place: ProjectOptions = ProjectOptions()
@@ -125,9 +48,9 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     """The project with it. Raises: InputError for a name that is taken or none, options of another kind, components
     and files that are not there."""
     from calibrant.formats.projects.checks import check_name
-    from calibrant.formats.projects.edits import with_component, with_more_seen, with_seen
+    from calibrant.formats.projects.edits import with_component, with_more_seen, with_seen, with_touches
     from calibrant.formats.projects.folder import folder_of, update
-    from calibrant.tasks.project.seeing import to_see
+    from calibrant.tasks.project.solution.seeing import to_see
 
     _check_options(request)
     folder = folder_of(request.place.project)
@@ -135,6 +58,8 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     def edited(project: Project) -> Project:
         if request.kind in COMPONENTS:
             return with_component(project, request.name, _component(folder, request))
+        if request.kind == "touches":
+            return with_touches(project, request.name, _touched(folder, request, project))
         seen = _seen(folder, request, project)
         out = (with_more_seen if request.seen.more else with_seen)(project, request.name, seen)
         to_see(folder, out, check_name(request.name))  # files that are not there are said now
@@ -165,19 +90,25 @@ def _values(group: object) -> dict[str, object]:
 
 
 def _component(folder: Path, request: Request) -> Component:
+    from calibrant.formats.projects.folder import inside
     from calibrant.formats.projects.records import Component
 
     said, kind = request.component, request.kind
     if said.start and said.file is None:
         raise InputError("--start begins with the lens of a file: name it with --file")
-    if kind == "robot" and said.accuracy:
-        from calibrant.calibrate.cell.certainty.accuracy import robot_accuracy
-
-        return Component(kind=kind, accuracy=robot_accuracy(said.accuracy).text)
+    if kind == "robot":
+        return _robot(folder, said)
+    if kind == "rig":
+        return Component(
+            kind=kind, cameras=split_names(said.cameras), time_offsets=said.time_offsets, readout=said.readout,
+            fps=said.fps or 0.0, times="" if said.times is None else inside(folder, said.times),
+        )  # fmt: skip
+    if kind == "body":
+        return Component(kind=kind, targets=split_names(said.targets))
     if kind == "target":
         return Component(kind=kind, spec=_spec(folder, said.spec))
     if kind not in ("camera", "projector"):
-        return Component(kind=kind, cameras=split_names(said.cameras), robot=request.seen.robot)
+        return Component(kind=kind, robot=request.seen.robot)
     file, name = _file(folder, request)
     lens = Component(
         kind=kind, model=_model(said.model), fix=split_names(said.fix), start=said.start, file=file, name_in_file=name
@@ -189,6 +120,32 @@ def _component(folder: Path, request: Request) -> Component:
         lens, camera=request.seen.camera, size=said.patterns.sequence().projector_size, code=said.patterns.code,
         period_px=period, shifts=said.patterns.shifts,
     )  # fmt: skip
+
+
+def _robot(folder: Path, said: ComponentOptions) -> Component:
+    """Raises: InputError for an accuracy that is none, a chain that is none, errors of joints that there are not."""
+    from calibrant.calibrate.cell.certainty.accuracy import robot_accuracy
+    from calibrant.calibrate.cell.problem.joint_offsets import KINDS as GROUPS
+    from calibrant.formats.projects.folder import inside
+    from calibrant.formats.projects.records import Component
+    from calibrant.tasks.options.robots import RobotOptions
+
+    identify = split_names(said.identify)
+    wrong = next((g for g in identify if g not in GROUPS), None)
+    if wrong is not None:
+        raise InputError(f"--identify {wrong}: choose {', '.join(GROUPS)}")
+    link, base = said.chain_link or None, said.chain_base or None
+    if said.chain:
+        RobotOptions(robot=said.chain, robot_link=link, robot_base=base, joint_angle=said.joint_angle).chain()
+    return Component(
+        kind="robot",
+        accuracy=robot_accuracy(said.accuracy).text if said.accuracy else "",
+        chain=inside(folder, said.chain) if Path(said.chain).is_file() else said.chain,
+        chain_link=said.chain_link,
+        chain_base=said.chain_base,
+        joint_angle=said.joint_angle,
+        identify=identify,
+    )
 
 
 def _model(name: str) -> str:
@@ -233,12 +190,68 @@ def _spec(folder: Path, spec: str) -> str:
     return f"points:{inside(folder, file)}" if spec != file else inside(folder, file)
 
 
+def _touched(folder: Path, request: Request, project: Project) -> Touched:
+    """Raises: InputError for a tool, a robot or poses that are not named, and corners that are no numbers."""
+    from calibrant.formats.poses.read import files_of
+    from calibrant.formats.projects.folder import inside
+    from calibrant.formats.projects.records import Touched
+
+    s = request.seen
+    for option, kind, name in (("--tool", "tool", s.tool), ("--robot", "robot", s.robot)):
+        if not name:
+            raise InputError(f"touches need their {option}, by its name in the project")
+        project.component(name, kind=kind)
+    corners = split_names(s.corners)
+    if not all(c.isdecimal() for c in corners):
+        raise InputError(f"--corners are numbers of the target's points, from 0: 0,8,45,53; got {', '.join(corners)}")
+    files_of([Path(p) for p in s.poses])
+    return Touched(
+        tool=s.tool, robot=s.robot, target=s.target, corners=tuple(map(int, corners)), notation=_notation(s),
+        poses=tuple(inside(folder, p) for p in s.poses),
+    )  # fmt: skip
+
+
+def _recording(folder: Path, s: SeenOptions) -> Recording | None:
+    """The bag, and what of it is meant. Raises: InputError for options that contradict each other, and what is no
+    bag."""
+    from calibrant.formats.bags.kinds import check_bag
+    from calibrant.formats.projects.folder import inside
+    from calibrant.formats.projects.records import Recording
+
+    said = s.recording
+    said.check()
+    if said.bag is None:
+        return None
+    check_bag(said.bag.expanduser())
+    topics = [t for given in said.image_topic for t in (given.partition("=")[2] or given,)]
+    if len(topics) > 1:
+        raise InputError("observations are of one camera: give one --image-topic, and the others as theirs")
+    if not s.robot and (said.tf or said.joint_topic or said.moments != "still" or said.clock_offset):
+        raise InputError(
+            "--tf, --joint-topic, --moments and --clock-offset are about a robot's poses: give the --robot"
+        )
+    return Recording(
+        bag=inside(folder, said.bag), topic=topics[0] if topics else "", stamps=said.stamps, tf=said.tf or "",
+        joint_topic=said.joint_topic or "", moments=said.moments, clock_offset=said.clock_offset or "",
+    )  # fmt: skip
+
+
+def _notation(s: SeenOptions) -> Notation:
+    from calibrant.formats.projects.records import Notation
+
+    form = s.form
+    return Notation(
+        units=form.pose_units, rotation=form.pose_rotation, angle=form.pose_angle, direction=form.pose_direction,
+        maker=s.robot_format,
+    )  # fmt: skip
+
+
 def _seen(folder: Path, request: Request, project: Project) -> Seen:
     from calibrant.formats.projects.edits import observations_named
     from calibrant.formats.projects.folder import inside
-    from calibrant.formats.projects.records import Notation, Seen
+    from calibrant.formats.projects.records import Seen
 
-    s, form = request.seen, request.seen.form
+    s = request.seen
     images, captures, poses = (tuple(inside(folder, p) for p in given) for given in (s.images, s.captures, s.poses))
     exclude = split_names(s.exclude)
     if s.more:
@@ -260,13 +273,12 @@ def _seen(folder: Path, request: Request, project: Project) -> Seen:
     project.component(s.camera, kind="camera")
     if s.target:
         project.component(s.target, kind="target")
-    notation = Notation(
-        units=form.pose_units, rotation=form.pose_rotation, angle=form.pose_angle, direction=form.pose_direction,
-        maker=s.robot_format,
-    )  # fmt: skip
+    if request.kind == "bag" and s.recording.bag is None:
+        raise InputError("a recording is named by --bag FILE")
     return Seen(
         camera=s.camera, target=s.target, projector=s.projector, robot=s.robot,
         setup=s.setup or ("auto" if s.robot else "handheld"),
         points="" if s.points is None else inside(folder, s.points),
-        notation=notation, mirror_x=s.mirror_x, images=images, captures=captures, poses=poses, exclude=exclude,
+        recording=_recording(folder, s), notation=_notation(s), mirror_x=s.mirror_x, images=images, captures=captures,
+        poses=poses, exclude=exclude,
     )  # fmt: skip

@@ -53,7 +53,7 @@ def troubles(folder: Path, project: Project) -> list[str]:
     """All that is wrong, in words; nothing where all is as it should be."""
     from calibrant.formats.projects.folder import trouble_of
     from calibrant.formats.projects.lenses import lens_in_file
-    from calibrant.tasks.project.stages import BROKEN, plan_of
+    from calibrant.tasks.project.solution.stages import BROKEN, plan_of
 
     out = [
         f"the result of {k.name}: {trouble} ({k.file})" for k in project.results if (trouble := trouble_of(folder, k))

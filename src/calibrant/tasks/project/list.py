@@ -97,6 +97,10 @@ def _text(found: Listed) -> str:
 
 def _shown(found: Listed) -> tuple[RenderableType, ...]:
     seen = [_seen_line(name, found.project) for name in found.project.observations]
+    seen += [
+        f"touches {name}: {t.tool} of {t.robot} on {t.target or 'a point'}: {', '.join(t.poses)}"
+        for name, t in found.project.touches.items()
+    ]
     none = "No components yet: calibrant project add camera NAME …"
     return (
         places_table(found.places) if found.places else lines(none),
@@ -107,7 +111,8 @@ def _shown(found: Listed) -> tuple[RenderableType, ...]:
 
 def _seen_line(name: str, project: Project) -> str:
     s = project.observations[name]
-    what = ", ".join((*s.images, *s.captures, *((s.points,) if s.points else ())))
+    bag = () if s.recording is None else (f"{s.recording.bag}{f' {t}' if (t := s.recording.topic) else ''}",)
+    what = ", ".join((*s.images, *s.captures, *bag, *((s.points,) if s.points else ())))
     with_ = f" at poses of {s.robot}" if s.robot else ""
     light = f" in the light of {s.projector}" if s.projector else ""
     return f"observations {name}: {s.camera} saw {s.target or 'points'}{light}, {s.setup}{with_}: {what}"

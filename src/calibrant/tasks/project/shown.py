@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from calibrant.cameras import Camera
     from calibrant.formats.projects.frames import Place
     from calibrant.formats.projects.records import Project
-    from calibrant.tasks.project.stages import Stage
+    from calibrant.tasks.project.solution.stages import Stage
 
 _DIGITS_MM, _DIGITS_DEG = 3, 4
 

@@ -17,7 +17,7 @@ from calibrant.tasks.project.shown import lines, places_table, stages_as_json
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from calibrant.tasks.project.solving import Solved
+    from calibrant.tasks.project.solution.solving import Solved
 
 EXAMPLE = 'cb.project_solve(project="cell")'
 
@@ -41,7 +41,7 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     """What was solved. Raises: InputError where inputs are gone or another process writes; a part that is refused is
     the outcome's refusal, and the others are kept."""
     from calibrant.formats.projects.folder import folder_of
-    from calibrant.tasks.project.solving import solve_project
+    from calibrant.tasks.project.solution.solving import solve_project
 
     folder = folder_of(request.place.project)
     command = command_line("project solve", request)

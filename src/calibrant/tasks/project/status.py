@@ -28,7 +28,7 @@ class Request:
 def run(request: Request, listener: Listener = SILENT) -> Outcome:
     """The stages. Raises: InputError where there is no project."""
     from calibrant.formats.projects.folder import folder_of, read_project
-    from calibrant.tasks.project.stages import plan_of
+    from calibrant.tasks.project.solution.stages import plan_of
 
     folder = folder_of(request.place.project)
     project = read_project(folder)

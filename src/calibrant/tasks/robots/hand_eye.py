@@ -20,6 +20,7 @@ from calibrant.tasks.options.robots import RobotOptions
 from calibrant.tasks.options.words import split_names
 from calibrant.tasks.options.workspace import WorkspaceOptions
 from calibrant.tasks.outcome import Outcome
+from calibrant.tasks.robots.hand_eye_alone import calibrated_alone
 from calibrant.tasks.robots.hand_eye_bag import BagLists, poses_named, read_bag, require_one_source, with_offset_error
 from calibrant.tasks.robots.hand_eye_list import ListRequest
 from calibrant.tasks.robots.hand_eye_names import ONLY_CAMERA, Names, names_of
@@ -213,7 +214,14 @@ def _calibrated(
     from calibrant.calibrate.cell.problem.layout import ONLY_ROBOT
 
     if names.plain and not identify and lists[0].camera == ONLY_CAMERA and lists[0].diagnosis is not None:
-        return _calibrated_alone(lists[0], common, method, accuracies)
+        return calibrated_alone(
+            lists[0],
+            model=common.lens.model,
+            fix=split_names(common.lens.fix),
+            method=method,
+            accuracy=next(iter(accuracies.values()), None),
+            free_scale=common.measured.free_scale,
+        )
     robots = {name or ONLY_ROBOT: poses_of(lists, name or ONLY_ROBOT) for name in names.poses}
     joints = {name: joints_of(lists, name, robots[name], common) for name in robots} if identify else None
     return calibrate_cell(
@@ -225,33 +233,6 @@ def _calibrated(
         model=common.lens.model,
         fix=split_names(common.lens.fix),
         robot_accuracy=accuracies,
-    )
-
-
-def _calibrated_alone(
-    part: ReadList, common: ListRequest, method: str, accuracies: Mapping[str, str]
-) -> CalibrationResult:
-    """One list of the only camera and robot, also of target poses, by any method."""
-    from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye
-
-    data, diagnosis = part.data, part.diagnosis
-    if data is None or diagnosis is None:
-        raise InputError("a closed form needs a camera that moves against its target; leave --method out")
-    if common.measured.free_scale:
-        from calibrant.diagnose.doctor.repair import calibrate_freed
-
-        lens = common.lens
-        return calibrate_freed(diagnosis, model=lens.model, fix=split_names(lens.fix), method=method)
-    target = data.T_camera_target if data.observations is None else diagnosis.numbered(data.observations)
-    return calibrate_hand_eye(
-        diagnosis.poses.notation.poses,
-        target,  # type: ignore[arg-type]
-        setup=diagnosis.poses.setup,
-        camera=data.camera,
-        model=common.lens.model,
-        fix=split_names(common.lens.fix),
-        method=method,
-        robot_accuracy=next(iter(accuracies.values()), None),
     )
 
 

@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 class ListRequest:
     """One list of photos, of points found before, or of target poses, and the robot poses that belong to it.
 
-    recorded: the poses themselves, where no file but a recording has them.
+    recorded: the poses themselves, where no file but a recording has them; found: what the photos show, where they were
+    searched before; known: the camera, where it is at hand and no file is to be read.
     """
 
     poses: tuple[str, ...]
@@ -48,6 +49,8 @@ class ListRequest:
     corners: CornerOptions = CornerOptions()
     listener: Listener = SILENT
     recorded: RawPoses | None = None
+    found: Observations | None = None
+    known: Camera | None = None
 
     @property
     def source(self) -> Source:
@@ -64,7 +67,7 @@ class ListRequest:
     @property
     def of_photos(self) -> bool:
         """Whether its points come from photos, searched now or before."""
-        return bool(self.images) or self.observations is not None
+        return bool(self.images) or self.observations is not None or self.found is not None
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +185,8 @@ def _check_list(request: ListRequest) -> None:
             )
         if request.measured.target_pose_direction != "auto":
             raise InputError("--target-pose-direction goes with target poses, not with photos")
-        request.source.files()
+        if request.images or request.observations is not None:
+            request.source.files()
         return
     if request.target is not None and not request.measured.target_poses:
         raise InputError("--target is given but no photos: name them with --images (or give --observations FILE)")
@@ -203,20 +207,23 @@ def _with_images(request: ListRequest, raw: RawPoses) -> PairedData:
     from calibrant.formats.poses.read import every_notation
 
     source = request.source
-    files = source.files()
+    searched = bool(request.images) or request.observations is not None
+    files = source.files() if searched else []
     # Photos are paired before they are searched: a pose that is missing is said at once.
     every = source.every_file() if files else []
     called = distinct_names([f for f, _ in every])
     early = match_kept(raw, [called[f] for f, _ in every], [k for _, k in every]) if files else None
-    observations = source.read(files)
+    observations = request.found if request.found is not None else source.read(files)
     ids = _ids_of(observations, files)
     pairing = early if early is not None else match_raw(raw, ids)
     session.load_solver(request.listener)
     size = next(iter(observations.image_sizes.values()))
-    camera = None if request.camera is None else read_camera(request.camera, image_size=size)
+    camera = request.known
+    if request.camera is not None:
+        camera = read_camera(request.camera, image_size=size)
     observations = replace(observations, views=tuple(replace(v, moment=v.id) for v in observations.views))
     names = [ids[v] for v in pairing.view_index]
-    inputs: list[str | Path] = [*source.inputs(files), *request.poses]
+    inputs: list[str | Path] = [*(source.inputs(files) if searched else ()), *request.poses]
     inputs += [request.camera] if request.camera is not None else []
     complete = tuple(r.take(pairing.pose_index, names) for r in every_notation(raw))
     return PairedData(

@@ -350,7 +350,7 @@ def joints_of(lists: Sequence[ReadList], robot: str, poses: RobotPoses, common: 
     """What the robot's joints read at its poses. Raises: InputError where its file has poses alone."""
     from calibrant.calibrate.cell.problem.joint_offsets import JointReadings
 
-    raw = next(p.raw for p in lists if p.pictures is not None and p.pictures.robot == robot and p.raw is not None)
+    raw = next(p.raw for p in lists if (p.pictures is None or p.pictures.robot == robot) and p.raw is not None)
     chain = common.arm.chain()
     if raw.joints is None or chain is None:
         raise InputError(f"--identify needs joint values of {robot}; its file has poses")

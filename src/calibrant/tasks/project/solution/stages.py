@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calibrant.errors import InputError
-from calibrant.tasks.project.parts import Part, files_of, key_of, parts_of
-from calibrant.tasks.project.seeing import ToSee, to_see
+from calibrant.tasks.project.solution.parts import Part, files_of, key_of, parts_of
+from calibrant.tasks.project.solution.seeing import ToSee, to_see
 
 if TYPE_CHECKING:
     from calibrant.formats.projects.records import Kept, Project
-    from calibrant.tasks.project.seeing import Records
+    from calibrant.tasks.project.solution.seeing import Records
 
 CURRENT, STALE, NEW, BROKEN = "current", "stale", "not solved yet", "cannot be solved"
 _LISTED = 3

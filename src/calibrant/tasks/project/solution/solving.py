@@ -14,15 +14,16 @@ from calibrant.cancel import checkpoint
 from calibrant.errors import CalibrantError, InputError, RefusedError
 from calibrant.tasks.inputs import session
 from calibrant.tasks.listener import SILENT, Listener
-from calibrant.tasks.project.cell import calibrated, cell_input
-from calibrant.tasks.project.seeing import seen_now
-from calibrant.tasks.project.stages import BROKEN, CURRENT, Plan, Stage, kept_of, plan_of
+from calibrant.tasks.project.solution.part_solving import solved_part
+from calibrant.tasks.project.solution.seeing import seen_now
+from calibrant.tasks.project.solution.sources import from_folder
+from calibrant.tasks.project.solution.stages import BROKEN, CURRENT, Plan, Stage, kept_of, plan_of
 
 if TYPE_CHECKING:
     from calibrant.data import CalibrationResult, Observations
     from calibrant.formats.projects.folder import Held
     from calibrant.formats.projects.records import Project
-    from calibrant.tasks.project.parts import Part
+    from calibrant.tasks.project.solution.parts import Part
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +80,12 @@ def _plan(held: Held, *, again: bool) -> Plan:
         )
     with_all = plan_of(held.folder, held.project)
     broken = [s for s in with_all.stages if s.state == BROKEN]
+    loose = [n for n in held.project.touches if not any(n in part.touches for part in with_all.parts)]
+    if loose:
+        raise InputError(
+            f"touches {', '.join(loose)}: their robot has no pictures in the project, and calibrant tool touch needs "
+            "none: add pictures at its poses, or remove the touches"
+        )
     if broken:
         what = "; ".join(dict.fromkeys(s.why for s in broken if s.of == "seen")) or "; ".join(s.why for s in broken)
         raise InputError(f"{what}. Nothing was solved, and the results of before stay as they are")
@@ -112,10 +119,19 @@ def _every_seen(held: Held, plan: Plan, listener: Listener) -> dict[str, Observa
 
 def _solved(held: Held, plan: Plan, part: Part, seen: dict[str, Observations], listener: Listener) -> CalibrationResult:
     session.load_solver(listener)
-    problem = cell_input(held.folder, held.project, part, {n: seen[n] for n in part.observations}, listener)
-    with listener.status(f"Calibrating {part.words} …"):
-        found = calibrated(problem)
+    found = solved_part(held.folder, held.project, part, {n: seen[n] for n in part.observations}, listener)
+    found = _from_folder(held.folder, found)
     return session.with_misses(replace(found, inputs=plan.files[part.name]))
+
+
+def _from_folder(folder: Path, found: CalibrationResult) -> CalibrationResult:
+    """The result with its images as the project's folder calls them, so that it may be moved."""
+    seen = found.observations
+    if seen is None:
+        return found
+    views = tuple(replace(v, file=from_folder(folder, v.file)) for v in seen.views)
+    missed = tuple(replace(m, file=from_folder(folder, m.file)) for m in seen.missed)
+    return replace(found, observations=replace(seen, views=views, missed=missed))
 
 
 def _keep(held: Held, plan: Plan, part: Part, result: CalibrationResult) -> list[str]:

@@ -20,7 +20,7 @@ from calibrant.simulate.projector.points import board_poses, carried_views, exam
 from calibrant.simulate.render import Look, render
 from calibrant.simulate.scenes import grid, gripper_poses, look_at_board, standard_mounting
 from calibrant.targets.registry import parse_target
-from calibrant.tasks.project.solving import solve_project
+from calibrant.tasks.project.solution.solving import solve_project
 
 POINTS = grid(6, 5, 0.045)
 T_LEFT_RIGHT = se3.make(so3.exp([0.0, -0.05, 0.0]), [0.12, 0.0, 0.0])

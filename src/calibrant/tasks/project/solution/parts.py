@@ -7,23 +7,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calibrant.tasks.project.seeing import ToSee, hash_of, pose_files, records_of
+from calibrant.tasks.project.solution.seeing import ToSee, hash_of, pose_files, records_of, robot_asked
 from calibrant.version import __version__
 
 if TYPE_CHECKING:
-    from calibrant.formats.projects.records import Project, Seen
-    from calibrant.tasks.project.seeing import Records
+    from calibrant.formats.projects.records import Project, Seen, Touched
+    from calibrant.tasks.project.solution.seeing import Records
 
 
 @dataclass(frozen=True)
 class Part:
-    """One problem: the observations in it, and what they are of, in the project's order."""
+    """One problem: the observations and touches in it, and what they are of, in the project's order."""
 
     observations: tuple[str, ...]
     cameras: tuple[str, ...]
     projectors: tuple[str, ...]
     robots: tuple[str, ...]
     targets: tuple[str, ...]
+    touches: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -73,13 +74,42 @@ def key_of(folder: Path, project: Project, part: Part, seen: Mapping[str, ToSee]
         file = records_of(folder, [folder / c.file])[0]["sha256"] if c.file else ""
         lens = [c.model or project.options.model, list(c.fix or project.options.fix)]
         components.append([c.kind, file, c.name_in_file if c.file else "", c.start, lens, c.accuracy])
-    return hash_of([__version__, "cell", lists, components, [r for r in rigs if r]])
+    more = _also_asked(folder, project, part, number)
+    return hash_of([__version__, "cell", lists, components, [r for r in rigs if r], *more])
+
+
+def _also_asked(folder: Path, project: Project, part: Part, number: Mapping[str, int]) -> list[object]:
+    """What else a part's result depends on, where it is asked for: clocks, joints, bodies, touches, bags."""
+    out: list[object] = []
+    for name in dict.fromkeys(project.rig_of(c) for c in part.cameras):
+        rig = project.components.get(name)
+        if rig is not None and (rig.time_offsets or rig.readout or rig.fps or rig.times):
+            table = records_of(folder, [folder / rig.times])[0]["sha256"] if rig.times else ""
+            out.append(["clocks", rig.time_offsets, rig.readout, rig.fps, table])
+    out += [["chain", asked] for r in part.robots if (asked := robot_asked(folder, project.components[r]))]
+    for body in project.of_kind("body"):
+        inside = [number[t] for t in project.components[body].targets if t in number]
+        out += [["body", inside]] if len(inside) > 1 else []
+    for name in part.touches:
+        touched = project.touches[name]
+        files = [r["sha256"] for r in records_of(folder, _touch_files(folder, touched))]
+        on = [number.get(touched.robot, -1), number.get(touched.target, -1), touched.tool, list(touched.corners)]
+        out.append(["touches", files, on, list(vars(touched.notation).values())])
+    return out
+
+
+def _touch_files(folder: Path, touched: Touched) -> list[Path]:
+    from calibrant.formats.poses.read import files_of as named
+
+    return named([folder / p for p in touched.poses])
 
 
 def files_of(folder: Path, project: Project, part: Part, seen: Mapping[str, ToSee]) -> Records:
     """Every file that a part is made from. Raises: InputError as `key_of`."""
     poses = [f for name in part.observations for f in pose_files(folder, project.observations[name])]
     lenses = [folder / c.file for name in part.components if (c := project.components[name]).file]
+    lenses += [folder / c.chain for n in part.robots if (folder / (c := project.components[n]).chain).is_file()]
+    lenses += [f for name in part.touches for f in _touch_files(folder, project.touches[name])]
     found = {r["file"]: r for name in part.observations for r in seen[name].records}
     found |= {r["file"]: r for r in records_of(folder, [*poses, *lenses])}
     return tuple(found.values())
@@ -91,6 +121,8 @@ def _ties(project: Project, seen: Seen) -> Iterator[str]:
         yield seen.target
     if seen.setup == "handheld" and project.rig_of(seen.camera):
         yield project.rig_of(seen.camera)
+    if seen.setup == "handheld" and project.body_of(seen.target):
+        yield project.body_of(seen.target)
 
 
 def _part(project: Project, lists: list[str]) -> Part:
@@ -106,4 +138,5 @@ def _part(project: Project, lists: list[str]) -> Part:
         tuple(dict.fromkeys(s.projector for s in seen if s.projector)),
         tuple(name for name in project.of_kind("robot") if name in robots),
         tuple(dict.fromkeys(s.target for s in seen if s.target)),
+        tuple(name for name, t in project.touches.items() if t.robot in robots),
     )

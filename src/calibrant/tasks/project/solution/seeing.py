@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING
 
 from calibrant.errors import InputError
 from calibrant.tasks.inputs import session
-from calibrant.tasks.inputs.sources import Source
 from calibrant.tasks.listener import SILENT, Listener
-from calibrant.tasks.options.images import SearchOptions
 from calibrant.tasks.options.patterns import PatternOptions
+from calibrant.tasks.project.solution.handheld import mates_of
+from calibrant.tasks.project.solution.recordings import pictures_of_bag
+from calibrant.tasks.project.solution.sources import frame_place, from_folder, image_files, source_of, spec_of
 from calibrant.version import __version__
 
 if TYPE_CHECKING:
@@ -43,17 +44,17 @@ def to_see(folder: Path, project: Project, name: str) -> ToSee:
     """What the observations of that name are made from. Raises: InputError naming them, where their files are gone."""
     seen = project.observations[name]
     try:
-        files = _files(folder, project, seen)
+        files = _files(folder, project, name)
         pose_files(folder, seen)
         records = records_of(folder, files)
     except InputError as error:
         raise InputError(f"observations {name}: {error}") from error
-    asked: list[object] = [seen.mirror_x, bool(seen.captures)]
+    asked: list[object] = [seen.mirror_x, bool(seen.captures), *_also_asked(folder, project, name)]
     if seen.captures:
         projector = project.components[seen.projector]
         asked += [projector.size, projector.code, projector.period_px, projector.shifts]
     names = [[Path(r["file"]).name, r["sha256"]] for r in records]
-    key = hash_of([__version__, "seen", _spec(folder, project, seen, hashed=True), asked, names])
+    key = hash_of([__version__, "seen", spec_of(folder, project, seen, hashed=True), asked, names])
     return ToSee(name, seen, tuple(files), records, key)
 
 
@@ -70,7 +71,7 @@ def seen_now(folder: Path, project: Project, what: ToSee, listener: Listener = S
     except CalibrantError as error:
         error.args = (f"observations {what.name}: {error}",)
         raise
-    here = partial(_from_folder, folder)
+    here = partial(from_folder, folder)
     views = tuple(replace(v, file=here(v.file)) for v in found.views)
     missed = tuple(replace(m, file=here(m.file)) for m in found.missed)
     found = replace(found, views=views, missed=missed)
@@ -80,13 +81,14 @@ def seen_now(folder: Path, project: Project, what: ToSee, listener: Listener = S
 def records_of(folder: Path, files: Sequence[Path]) -> Records:
     """Names from the project's folder, and hashes. Raises: InputError for a file that is not there."""
     from calibrant.detection.images.files import frame_of
+    from calibrant.formats.bags.kinds import is_bag
 
     sources = dict.fromkeys(place[0] if (place := frame_of(f)) else f for f in files)
-    gone = [f for f in sources if not f.is_file()]
+    gone = [f for f in sources if not (f.is_file() or is_bag(f))]
     if gone:
         raise InputError(f"{'1 file is' if len(gone) == 1 else f'{len(gone)} files are'} gone: {gone[0]}")
     found = session.file_records(sources)
-    return tuple({"file": _from_folder(folder, r["file"]) or "", "sha256": r["sha256"]} for r in found)
+    return tuple({"file": from_folder(folder, r["file"]) or "", "sha256": r["sha256"]} for r in found)
 
 
 def pose_files(folder: Path, seen: Seen) -> list[Path]:
@@ -101,33 +103,38 @@ def hash_of(value: object) -> str:
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
 
 
-def target_spec(folder: Path, component: Component) -> str:
-    """A target's spec, its file where it is one as it is called from here."""
-    head, colon, file = component.spec.partition(":")
-    if colon and head == "points" and (folder / file).is_file():
-        return f"{head}:{folder / file}"
-    return str(folder / component.spec) if (folder / component.spec).is_file() else component.spec
-
-
-def _spec(folder: Path, project: Project, seen: Seen, *, hashed: bool = False) -> str:
-    if not seen.target:
-        return ""
-    spec = target_spec(folder, project.components[seen.target])
-    file = Path(spec.removeprefix("points:"))
-    if hashed and file.is_file():
-        return session.file_records([file])[0]["sha256"]
-    return spec
-
-
-def _files(folder: Path, project: Project, seen: Seen) -> list[Path]:
+def _files(folder: Path, project: Project, name: str) -> list[Path]:
+    seen = project.observations[name]
     if seen.points:
         return [folder / seen.points]
     if seen.captures:
         from calibrant.tasks.projector.calibrate import reads
 
         return reads(_captures(folder, project, seen))
-    source = _source(folder, project, seen, SILENT)
-    return source.inputs(source.files())
+    if seen.recording is not None:
+        return [folder / seen.recording.bag]
+    return source_of(folder, project, name).inputs(image_files(folder, project, name))
+
+
+def _also_asked(folder: Path, project: Project, name: str) -> list[object]:
+    """What pictures are chosen by, beside the files: of a bag its options, of a rig's videos the other videos."""
+    seen = project.observations[name]
+    if seen.recording is not None:
+        others = [o.recording for n in mates_of(project, name) if (o := project.observations[n]).recording is not None]
+        arm = robot_asked(folder, project.components[seen.robot]) if seen.robot else []
+        return [arm, *([v for k, v in vars(r).items() if k != "bag"] for r in (seen.recording, *others))]
+    if len(mates_of(project, name)) > 1 and any(frame_place(f) for f in image_files(folder, project, name)):
+        return [[f.name for f in image_files(folder, project, name)]]
+    return []
+
+
+def robot_asked(folder: Path, robot: Component) -> list[object]:
+    """What a robot's poses from joint values depend on; nothing where its poses are poses."""
+    if not robot.chain:
+        return []
+    file = folder / robot.chain
+    chain = records_of(folder, [file])[0]["sha256"] if file.is_file() else robot.chain
+    return [chain, robot.chain_link, robot.chain_base, robot.joint_angle, list(robot.identify)]
 
 
 def _look(folder: Path, project: Project, what: ToSee, listener: Listener) -> Observations:
@@ -136,8 +143,10 @@ def _look(folder: Path, project: Project, what: ToSee, listener: Listener) -> Ob
         from calibrant.tasks.projector.calibrate import seen_of
 
         return seen_of(_captures(folder, project, seen), listener)
-    source = _source(folder, project, seen, listener)
-    found = source.read(source.files())
+    source = replace(source_of(folder, project, what.name), listener=listener)
+    if seen.recording is not None:
+        return source.read(pictures_of_bag(folder, project, what.name, listener))
+    found = source.read(image_files(folder, project, what.name) if seen.images else [])
     expected = 2 if seen.projector else 1
     if len(found.image_sizes) != expected:
         raise InputError(
@@ -160,16 +169,6 @@ def _called_as_here(found: Observations, seen: Seen) -> Observations:
     return found if renamed is None else renamed
 
 
-def _source(folder: Path, project: Project, seen: Seen, listener: Listener) -> Source:
-    return Source(
-        images=tuple(str(folder / i) for i in seen.images),
-        target=_spec(folder, project, seen) if seen.images else None,
-        observations=folder / seen.points if seen.points else None,
-        search=SearchOptions(mirror_x=seen.mirror_x, exclude=seen.exclude),
-        listener=listener,
-    )
-
-
 def _captures(folder: Path, project: Project, seen: Seen) -> Captures:
     from calibrant.tasks.projector.calibrate import Request
 
@@ -177,16 +176,10 @@ def _captures(folder: Path, project: Project, seen: Seen) -> Captures:
     size = "x".join(map(str, projector.size))
     return Request(
         captures=tuple(str(folder / c) for c in seen.captures),
-        target=_spec(folder, project, seen),
+        target=spec_of(folder, project, seen),
         patterns=PatternOptions(
             projector_size=size, code=projector.code, period=f"{projector.period_px}px", shifts=projector.shifts
         ),
         mirror_x=seen.mirror_x,
         exclude=seen.exclude,
     )
-
-
-def _from_folder(folder: Path, file: str | None) -> str | None:
-    from calibrant.formats.projects.folder import inside
-
-    return None if file is None else inside(folder, file)

@@ -79,6 +79,7 @@ if TYPE_CHECKING:
     from calibrant.tasks.verbs import undistort as undistort
     from calibrant.tasks.verbs import vanishing as vanishing
     from calibrant.tasks.verbs import verify_unchanged as verify_unchanged
+    from calibrant.tasks.verbs import verify_watch as verify_watch
 
     read = result_file.read_result
 
@@ -150,6 +151,7 @@ _PUBLIC = {
     "tool_touch": ("calibrant.tasks.verbs", "tool_touch"),
     "vanishing": ("calibrant.tasks.verbs", "vanishing"),
     "verify_unchanged": ("calibrant.tasks.verbs", "verify_unchanged"),
+    "verify_watch": ("calibrant.tasks.verbs", "verify_watch"),
     "write_report": ("calibrant.reports.html", "write_report"),
 }
 

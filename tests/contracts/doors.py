@@ -187,6 +187,11 @@ def _verify_unchanged(files: Files) -> Options:
     return {"result": files.camera, "images": [files.images / "00.png"], "target": TARGET}
 
 
+def _verify_watch(files: Files) -> Options:
+    """A camera and a board that stand still, by the first picture, which is the only one."""
+    return {"result": files.camera, "images": [files.images / "00.png"], "target": TARGET}
+
+
 def _stereo(files: Files) -> Options:
     """The photos, and a second camera 80 mm to the right of the first."""
     folder = files.folder / "right"
@@ -236,6 +241,7 @@ CASES: Mapping[str, Callable[[Files], Options]] = {
     "convert": _convert,
     "compare": _compare,
     "verify unchanged": _verify_unchanged,
+    "verify watch": _verify_watch,
 }
 """Options by command, as Python takes them: a line for every command that gives a result."""
 ANSWERS: Mapping[str, Options] = {

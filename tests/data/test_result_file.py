@@ -69,6 +69,8 @@ from calibrant.data.details import (
     ViewDeviation,
     ViewMotion,
     ViewPlan,
+    WatchedPicture,
+    Watching,
 )
 from calibrant.data.details_comparison import (
     CameraComparison,
@@ -162,6 +164,7 @@ def details() -> tuple[object, ...]:
         ),
         TriangulatedEdges(12, 1 / 3, -0.01, 25.0),
         SharedMoments(("left", "right"), ((12, 7), (7, 9))),
+        Watching("moved", "push", 1e5, (WatchedPicture("0", 1 / 3), WatchedPicture("1", None, "no target")), "0", "1"),
         Comparison("a.json", "b.json", (_compared(),), (_moved(),), ("left",), ("base → camera",)),
     )
 

@@ -20,6 +20,8 @@ from calibrant.data.details_stereo import EpipolarMatrices as EpipolarMatrices
 from calibrant.data.details_stereo import PairErrors as PairErrors
 from calibrant.data.details_stereo import StereoGeometry as StereoGeometry
 from calibrant.data.details_stereo import TriangulatedEdges as TriangulatedEdges
+from calibrant.data.records.verification import WatchedPicture as WatchedPicture
+from calibrant.data.records.verification import Watching as Watching
 
 Triple = tuple[float, float, float]
 
@@ -383,5 +385,6 @@ DETAILS: Mapping[str, type] = {
     "epipolar_matrices": EpipolarMatrices,
     "projector_captures": ProjectorCaptures,
     "comparison": Comparison,
+    "watching": Watching,
 }
 """The key of each record in a result file."""

@@ -25,6 +25,7 @@ from calibrant.reports.kinds import (
     vanishing,
 )
 from calibrant.reports.kinds.eyes import depth, epipolar, pointing, projector, rectified, scan, stereo
+from calibrant.reports.kinds.verified import watch
 from calibrant.reports.parts.kind import Kind
 from calibrant.reports.parts.phrases import first_transform, placed
 
@@ -47,6 +48,7 @@ KINDS: Mapping[str, Kind] = {
     "epipolar": epipolar.KIND,
     "depth": depth.KIND,
     "unchanged": unchanged.KIND,
+    "watch": watch.KIND,
     "observations": observations.KIND,
     "cameras": cameras.KIND,
     "comparison": comparison.KIND,

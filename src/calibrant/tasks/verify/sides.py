@@ -26,17 +26,12 @@ if TYPE_CHECKING:
     from calibrant.verification.unchanged.spread import Spread
 
 
-class Asked(Protocol):
-    """What is needed of a request."""
+class Placed(Protocol):
+    """What is needed of a request whose photos were taken at robot poses."""
 
     @property
     def poses(self) -> tuple[str, ...]:
         """Files of robot poses."""
-        ...
-
-    @property
-    def reference(self) -> Path | None:
-        """A photo of then."""
         ...
 
     @property
@@ -45,13 +40,22 @@ class Asked(Protocol):
         ...
 
     @property
-    def search(self) -> SearchOptions:
-        """Which photos are searched, and how."""
+    def arm(self) -> RobotOptions:
+        """The robot of joint values."""
+        ...
+
+
+class Asked(Placed, Protocol):
+    """What is needed of a request that compares."""
+
+    @property
+    def reference(self) -> Path | None:
+        """A photo of then."""
         ...
 
     @property
-    def arm(self) -> RobotOptions:
-        """The robot of joint values."""
+    def search(self) -> SearchOptions:
+        """Which photos are searched, and how."""
         ...
 
 
@@ -149,7 +153,7 @@ def now_compared(
             return None
         reasons = "; ".join(f"{m.id}: {m.reason}" for m in observations.missed[:3])
         raise InputError(f"no photo shows the target {compare.target}: {reasons or 'too few of its points'}")
-    _check_size(compare, observations)
+    check_size(compare, observations)
     session.load_solver(listener)
 
     from calibrant.verification.unchanged.compare import lens_alone, seen_now
@@ -164,7 +168,8 @@ def now_compared(
         return None if compare.on_robot else lens_alone(compare.camera, seen, compare.spread)
 
 
-def _check_size(compare: Compare, observations: Observations) -> None:
+def check_size(compare: Compare, observations: Observations) -> None:
+    """Raises: InputError for photos of another resolution than the calibration's."""
     size = next(iter(observations.image_sizes.values()))
     if size != compare.camera.image_size:
         raise InputError(
@@ -174,11 +179,21 @@ def _check_size(compare: Compare, observations: Observations) -> None:
 
 
 def _at_poses(compare: Compare, views: list[View], request: Asked, photos: Sequence[tuple[Path, bool]]) -> Compared:
-    """Photos at robot poses; these read as the calibration's were, or as fits best."""
+    from calibrant.verification.unchanged.compare import on_robot
+
+    side, seen, T = seen_at_poses(compare, views, request, photos)
+    return on_robot(compare.camera, side, seen, T, compare.spread)
+
+
+def seen_at_poses(
+    compare: Compare, views: list[View], request: Placed, photos: Sequence[tuple[Path, bool]]
+) -> tuple[RobotSide, Seen, Array]:
+    """The robot's side, the photos, and T_base_gripper (n, 4, 4) of each; poses are read as the calibration's were, or
+    as fits best. Raises: InputError for a result without what is needed, or poses that do not belong."""
     from calibrant.data.file_names import distinct_names
     from calibrant.formats.poses.notations import notations
     from calibrant.formats.poses.pairing import match_kept
-    from calibrant.verification.unchanged.compare import on_robot, seen_now
+    from calibrant.verification.unchanged.compare import seen_now
     from calibrant.verification.unchanged.robot_noise import robot_side
 
     raw = request.form.read(request.poses, request.arm)
@@ -194,8 +209,7 @@ def _at_poses(compare: Compare, views: list[View], request: Asked, photos: Seque
     kept = [next(i for i, v in enumerate(views) if v.id == s.id) for s in seen.views]
     best = min(same or ways, key=lambda way: _misfit(side, seen, _poses(way, rows, kept, views)))
     T = _poses(best, rows, kept, views)
-    seen = _numbered(compare, side, seen, T)
-    return on_robot(compare.camera, side, seen, T, compare.spread)
+    return side, _numbered(compare, side, seen, T), T
 
 
 def _poses(way: PoseNotation, rows: list[int], kept: list[int], views: list[View]) -> Array:

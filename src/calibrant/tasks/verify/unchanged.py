@@ -8,9 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from calibrant.errors import DetectionError, InputError, RefusedError
+from calibrant.errors import InputError, RefusedError
 from calibrant.tasks.inputs import session
-from calibrant.tasks.inputs.sources import Source
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.images import NamedPhotoOptions, SearchOptions
 from calibrant.tasks.options.option import Option
@@ -18,6 +17,7 @@ from calibrant.tasks.options.poses import PoseOptions
 from calibrant.tasks.options.robots import RobotOptions
 from calibrant.tasks.options.words import pixels
 from calibrant.tasks.outcome import Document, Outcome, result_document
+from calibrant.tasks.verify.photos import every_photo, photo_files, target_seen
 from calibrant.tasks.verify.sides import Compare, now_compared
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ class Request:
 
 def reads(request: Request) -> list[str | Path]:
     """The result, the photos, the poses, the reference, and the robot's file."""
-    photos = _photo_files(request)
+    photos = photo_files(request.photos, request.search)
     reference = [] if request.reference is None else [request.reference]
     return [request.result, *photos, *request.poses, *reference, *request.arm.files]
 
@@ -80,13 +80,13 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     known = read_result(request.result)
     tolerance = _tolerance(request.tolerance)
     compare = Compare.of(known, request.name, request.photos.target)
-    photos = _every_photo(request)
+    photos = every_photo(request.photos, request.search)
     files = [file for file, keep in photos if keep]
     reference = _reference(known, request, files)
     if reference is None and request.keep_reference is not None and not request.poses and not compare.placed_then:
         return _kept_alone(known, request, files)
     _check_comparable(compare, request, reference is not None)
-    observations = _observations(compare, files, request, listener, optional=reference is not None)
+    observations = target_seen(compare, files, request.search, listener, optional=reference is not None)
     try:
         compared = now_compared(compare, observations, request, photos, listener)
     except RefusedError as error:
@@ -112,25 +112,6 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     return Outcome(result=found, documents=_documents(request, known, found, reference, files), refusal=_refusal(found))
 
 
-def _photo_files(request: Request) -> list[Path]:
-    """The photos of now. Raises: InputError for none."""
-    return [file for file, keep in _every_photo(request) if keep]
-
-
-def _every_photo(request: Request) -> list[tuple[Path, bool]]:
-    """All photos that are named, and whether each is kept. Raises: InputError for none."""
-    from calibrant.data.file_names import distinct_names
-    from calibrant.detection.images.files import expand
-    from calibrant.tasks.inputs.sources import kept
-    from calibrant.tasks.options.words import split_names
-
-    if not request.photos.images:
-        raise InputError("no photos were given: take one to three of now and name them with --images")
-    files = expand(list(request.photos.images))
-    names = list(distinct_names(files).values())
-    return list(zip(files, kept(names, split_names(request.search.exclude), what="image")))
-
-
 def _tolerance(text: str | None) -> Tolerance:
     """Raises: InputError for a bare number, or another unit."""
     from calibrant.targets.lengths import parse_length
@@ -141,27 +122,6 @@ def _tolerance(text: str | None) -> Tolerance:
     if text.strip().endswith("px"):
         return Tolerance(px=pixels(text, option="--tolerance"))
     return Tolerance(metres=parse_length(text, what="--tolerance"))
-
-
-def _observations(
-    compare: Compare, files: list[Path], request: Request, listener: Listener, *, optional: bool
-) -> Observations | None:
-    """The target in the photos of now; None where no target is named, and where an optional one is in no photo."""
-    if compare.target is None:
-        return None
-    search = replace(request.search, exclude=())  # left out already
-    source = Source(tuple(map(str, files)), compare.target, None, search, None, listener)
-    try:
-        found = source.read(files)
-    except DetectionError:
-        if not optional:
-            raise
-        return None
-    name = compare.name
-    views = tuple(replace(v, camera=name) for v in found.views)
-    sizes = dict.fromkeys((name,), next(iter(found.image_sizes.values())))
-    missed = tuple(replace(m, camera=name) for m in found.missed)
-    return replace(found, views=views, image_sizes=sizes, missed=missed)
 
 
 def _reference(known: CalibrationResult, request: Request, files: list[Path]) -> Reference | None:

@@ -1,0 +1,1 @@
+"""Results of `calibrant verify` by a task: one file a kind."""

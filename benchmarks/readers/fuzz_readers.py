@@ -20,6 +20,7 @@ import random
 import re
 import resource
 import sys
+import tarfile
 import tempfile
 import time
 import traceback
@@ -159,6 +160,7 @@ def corpus() -> dict[str, Kind]:
         "geometry": Kind((("g.yaml", _geometry()),), read_geometry),
         "picture": Kind(tuple(_picture_files()), picture_in_use),
         "exchange": Kind(tuple(_exchanged_files(camera, T[0])), lambda path: read_any(path, ReadOptions(unit_m=1.0))),
+        "archive": Kind(tuple(_archives(camera)), read_any),
         "foreign lens": Kind((("ocam.txt", OCAM),), _nearest_lens),
     }
 
@@ -322,7 +324,7 @@ OCAM = b"""#polynomial coefficients for the DIRECT mapping function
 #image size
 480 752
 """
-"""What OCamCalib writes, which is read and not written."""
+"""What OCamCalib writes."""
 
 
 def _exchanged_files(camera: Camera, T: np.ndarray) -> Iterator[tuple[str, bytes]]:
@@ -331,7 +333,8 @@ def _exchanged_files(camera: Camera, T: np.ndarray) -> Iterator[tuple[str, bytes
     result = read_cameras(named, transforms=(as_transform("gripper", "camera", T),))
     for name in FORMATS:
         form = format_named(name)
-        if form.write is None or name.endswith("-pose") or (name == "usd" and find_spec("pxr") is None):
+        # What OCamCalib writes is a foreign lens to whoever reads it.
+        if form.write is None or name.endswith("-pose") or name == "ocam" or (name == "usd" and not find_spec("pxr")):
             continue
         kept = {key: in_words_of(camera, form.models, lacks=form.lacks) if form.models else camera for key in named}
         if kept["camera"] is None:
@@ -342,6 +345,27 @@ def _exchanged_files(camera: Camera, T: np.ndarray) -> Iterator[tuple[str, bytes
             continue
         if isinstance(written, bytes):
             yield f"{name}{form.suffix}", written
+
+
+def _archives(camera: Camera) -> Iterator[tuple[str, bytes]]:
+    """What camera_calibration saves, packed and plain: damage to the plain one reaches what is inside."""
+    result = read_cameras({"camera": camera})
+    inside = {"ost.yaml": "camera-info", "ost.txt": "camera-info-ini"}
+    for name, mode in (("calibrationdata.tar.gz", "w:gz"), ("calibrationdata.tar", "w")):
+        stream = io.BytesIO()
+        with tarfile.open(fileobj=stream, mode=mode) as archive:
+            for file, form in inside.items():
+                write = format_named(form).write
+                content = b"" if write is None else write(result, WriteOptions())
+                if isinstance(content, bytes):
+                    member = tarfile.TarInfo(file)
+                    member.size = len(content)
+                    archive.addfile(member, io.BytesIO(content))
+        yield name, stream.getvalue()
+    write = format_named("camera-info-ini").write
+    content = b"" if write is None else write(result, WriteOptions())
+    if isinstance(content, bytes):
+        yield "ost.txt", content
 
 
 def mutated(data: bytes, others: list[bytes], rng: random.Random) -> bytes:

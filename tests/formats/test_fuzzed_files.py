@@ -14,7 +14,7 @@ fuzz = import_module("fuzz_readers")
 
 
 def test_no_damaged_file_ends_in_an_internal_error() -> None:
-    found = fuzz.run(130, seed=20)
+    found = fuzz.run(160, seed=20)
     assert [f"{fault.kind} --one {fault.number}: {fault.words}" for fault in found.faults] == []
     assert (found.read > 20, found.refused > 60) == (True, True)
     assert found.slowest < fuzz.MOST_SECONDS

@@ -125,3 +125,26 @@ def test_a_draft_follows_no_link(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     write_documents([Document(tmp_path / "a", b"new")], force=True)
     assert (tmp_path / "a").read_text() == "new"
     assert (tmp_path / "secret").read_text() == "untouched"
+
+
+def test_folders_within_a_folder_that_is_written_as_a_whole(tmp_path: Path) -> None:
+    whole = tmp_path / "mav0"
+    write_documents(
+        [Document(whole / "cam0" / "a.yaml", b"a", whole), Document(whole / "b.yaml", b"b", whole)], force=False
+    )
+    assert (whole / "cam0" / "a.yaml").read_bytes() + (whole / "b.yaml").read_bytes() == b"ab"
+
+    def fails() -> bytes:
+        raise InputError("not this one")
+
+    other = tmp_path / "other"
+    with pytest.raises(InputError, match="not this one"):
+        write_documents([Document(other / "cam0" / "a.yaml", fails, other)], force=False)
+    assert not other.exists()
+    with pytest.raises(InputError, match="make it first"):
+        write_documents([Document(tmp_path / "typed" / "wrong" / "a.yaml", b"a")], force=False)
+    with pytest.raises(InputError, match="make it first"):
+        write_documents(
+            [Document(tmp_path / "no" / "other" / "a" / "a.yaml", b"a", tmp_path / "no" / "other")], force=False
+        )
+    assert not (tmp_path / "no").exists()

@@ -16,10 +16,12 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Document:
     """A file to be written whole or not at all. content: its bytes, or what makes them when their turn comes, so that
-    of a thousand pictures one at a time is in memory."""
+    of a thousand pictures one at a time is in memory. within: a folder that is written as a whole, and made with those
+    in it; of another file the one folder that it lies in is made."""
 
     path: Path
     content: bytes | Callable[[], bytes]
+    within: Path | None = None
 
     def bytes(self) -> bytes:
         """The content, made now where it is made late."""

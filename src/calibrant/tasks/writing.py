@@ -72,12 +72,12 @@ def write_documents(documents: Iterable[Document], *, force: bool) -> list[Path]
 
 def _write_draft(document: Document, drafts: dict[Path, Path], made: list[Path], *, force: bool) -> None:
     path = document.path
-    if not path.parent.exists() and path.parent.parent.is_dir():
+    for folder in _missing_folders(document):
         try:
-            path.parent.mkdir()
+            folder.mkdir()
         except OSError as error:
-            raise InputError(f"cannot make the folder {path.parent}: {error.strerror or error}") from None
-        made.append(path.parent)
+            raise InputError(f"cannot make the folder {folder}: {error.strerror or error}") from None
+        made.append(folder)
     check_writable(path, force=force)
     if path in drafts:
         raise InputError(f"two outputs would be written to {path}; give each a name of its own")
@@ -91,6 +91,15 @@ def _write_draft(document: Document, drafts: dict[Path, Path], made: list[Path],
             os.fsync(stream.fileno())
     except OSError as error:
         raise InputError(f"cannot write {path}: {error.strerror or error}") from None
+
+
+def _missing_folders(document: Document) -> list[Path]:
+    """Folders to make before it, outermost first; none where more is missing than may be made."""
+    folder, missing = document.path.parent, list[Path]()
+    while not folder.exists() and (not missing or (document.within and folder.is_relative_to(document.within))):
+        missing.insert(0, folder)
+        folder = folder.parent
+    return missing if folder.is_dir() else []
 
 
 def _moved(drafts: dict[Path, Path]) -> list[Path]:

@@ -14,6 +14,7 @@ import pytest
 from calibrant.cameras import Camera
 from calibrant.errors import InputError
 from calibrant.formats.cameras.read import read_camera
+from calibrant.formats.exchange.read import read_any
 from calibrant.reading.notes import heard
 
 FOCAL = {"width": 1280, "height": 800, "fx": 640.25, "fy": 639.81, "cx": 643.17, "cy": 402.88}
@@ -162,3 +163,34 @@ def test_the_cases_from_the_field(shared_case: Callable[[str], Path]) -> None:
     )
     echo = read_camera(shared_case("06-ros2-topic-echo") / "min_echo.yaml")
     assert (echo.image_size, echo.parameters["fx"], echo.parameters["k1"]) == ((1280, 800), 600.0, 0.1)
+
+
+def test_cameras_by_name_with_what_stands_beside_them(tmp_path: Path) -> None:
+    """As many programs write several: each under its name, the size once for all of them."""
+    path = tmp_path / "intrinsics.json"
+    one = {"K": [[640.25, 0, 643.17], [0, 639.81, 402.88], [0, 0, 1]], "distortion": FIVE}
+    path.write_text(json.dumps({"front": one, "back": one | {"distortion": [0.0] * 5}, "width": 1280, "height": 800}))
+    found = read_any(path)
+    assert {name: camera.model.name for name, camera in found.cameras.items()} == {"front": "brown", "back": "pinhole"}
+    np.testing.assert_allclose(pixel(found.cameras["front"]), BROWN_PIXEL, atol=1e-3)
+    assert read_camera(path, name="back").image_size == (1280, 800)
+    with pytest.raises(InputError, match="it holds 2 cameras, front, back; say which"):
+        read_camera(path)
+    path.write_text(
+        json.dumps({"front": one | {"distortion": [0.1, 0.2, 0.3]}, "back": one, "width": 1280, "height": 800})
+    )
+    with pytest.raises(InputError, match="front"):
+        read_any(path)
+
+
+def test_a_size_in_a_list_whose_order_the_principal_point_contradicts_is_asked(tmp_path: Path) -> None:
+    """Programs that write an image's shape give the height first."""
+    K = [[640.25, 0, 643.17], [0, 639.81, 402.88], [0, 0, 1]]
+    listed = {"camera_resolution": [800, 1280], "camera_matrix": K, "distortion_coefficients": FIVE}
+    with pytest.raises(InputError, match=r"written as 800, 1280.*say --image-size 1280x800 or 800x1280"):
+        camera_of(tmp_path, listed)
+    assert camera_of(tmp_path, listed, image_size=(1280, 800)).image_size == (1280, 800)
+    assert camera_of(tmp_path, listed | {"camera_resolution": [1280, 800]}).image_size == (1280, 800)
+    # A projector's lens is shifted down by half an image: one way, and no reason to ask.
+    shifted = [[1400.0, 0, 640.0], [0, 1400.0, 790.0], [0, 0, 1]]
+    assert camera_of(tmp_path, {"image_size": [1280, 800], "camera_matrix": shifted}).image_size == (1280, 800)

@@ -256,3 +256,16 @@ def test_any_two_connected_cameras_are_written_as_a_pair(tmp_path: Path) -> None
     assert abs(b @ F @ a) < 1e-9 * np.linalg.norm(F) * np.linalg.norm(a) * np.linalg.norm(b)
     again = cb.convert(tmp_path / "stereo.yml")
     np.testing.assert_allclose(again.transform("a", "b").matrix, se3.inverse(T_base_a) @ T_base_b, atol=1e-12)
+
+
+def test_values_close_behind_their_keys_are_read_as_opencv_reads_them(tmp_path: Path) -> None:
+    """As ORB-SLAM's settings have them by hand."""
+    file = tmp_path / "tight.yml"
+    file.write_text(
+        '%YAML:1.0\nfx:500.5\nname:"a: b"\nK: !!opencv-matrix\n   rows:1\n   cols:2\n   dt: d\n   data:[1., -2]\n'
+    )
+    storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_READ)
+    found = read_yaml(file.read_text(), "tight.yml")
+    assert found["fx"] == storage.getNode("fx").real() == 500.5
+    assert found["name"] == storage.getNode("name").string() == "a: b"
+    np.testing.assert_array_equal(found["K"], storage.getNode("K").mat())

@@ -12,7 +12,9 @@ import calibrant as cb
 from calibrant.data.results import as_transform
 from calibrant.errors import InputError
 from calibrant.formats.exchange.exchange_format import read_cameras
+from calibrant.formats.exchange.read import read_any
 from calibrant.geometry import se3, so3
+from calibrant.reading.notes import heard
 
 T_GRIPPER_CAMERA = se3.make(so3.exp([0.3, -1.1, 0.7]), [0.05, -0.0312, 0.1])
 T_BASE_TARGET = se3.make(so3.exp([0.1, 0.2, -0.4]), [0.5, 0.1, 0.02])
@@ -283,3 +285,17 @@ def test_which_transform_is_asked(tmp_path: Path, hand_eye: Path) -> None:
         cb.convert(hand_eye, tmp_path / "x.urdf")
     with pytest.raises(InputError, match="no chain of transforms leads from"):
         cb.convert(hand_eye, tmp_path / "x.urdf", transform="base:camera")
+
+
+def test_a_launch_files_own_arguments_are_filled_in(tmp_path: Path) -> None:
+    file = tmp_path / "camera.launch"
+    words = "0.1 0 0 0 0 0 $(arg base) $(arg cam)_link 9"
+    node = f'<node pkg="tf" type="static_transform_publisher" name="n" args="{words}"/>'
+    file.write_text(f'<launch><arg name="base" default="tool0"/><arg name="cam" value="left"/>{node}</launch>')
+    with heard() as notes:
+        (found,) = read_any(file).transforms
+    assert (found.parent, found.child, found.matrix[0, 3]) == ("tool0", "left_link", 0.1)
+    assert any("base = tool0, cam = left" in note for note in notes)
+    file.write_text(f'<launch><arg name="base" default="tool0"/><arg name="cam"/>{node}</launch>')
+    with pytest.raises(InputError, match="known to roslaunch alone"):
+        read_any(file)

@@ -52,6 +52,8 @@ _SHAPE_KEYS = ("imgshape", "imageshape", "shape")
 """An array's shape is (rows, columns): height first."""
 _WRAPPED = ("distortion", "distortionmodel", "lens", "resolution", "imagesize", "size")
 """Keys whose values are taken apart where they are mappings: what is in them stands beside the camera as well."""
+_FAR = 0.25
+"""Of the image, from its middle: a lens sits within a tenth; one that is shifted, as a projector's, is so one way."""
 _KALIBR_FIRST = {"unified": ("xi",), "double_sphere": ("xi", "alpha"), "extended_unified": ("alpha", "beta")}
 """What stands before fx, fy, cx, cy in Kalibr's list of intrinsics."""
 
@@ -59,6 +61,24 @@ _KALIBR_FIRST = {"unified": ("xi",), "double_sphere": ("xi", "alpha"), "extended
 def is_described(data: Mapping[str, Any]) -> bool:
     """Whether the file has focal lengths in any of the ways that are read."""
     return _found(Fields(data)) or len(_wrappers(data)) > 0
+
+
+def described_cameras(data: Mapping[str, Any], image_size: Size | None, source: str) -> dict[str, Camera]:
+    """The camera of the keys, or each of several under their names, with what stands beside them for all of them.
+
+    Raises: InputError as `described_camera`, naming which.
+    """
+    wrappers = [] if _found(Fields(data)) else _wrappers(data)
+    if len(wrappers) < 2:
+        return {"camera": described_camera(data, image_size, source)}
+    shared = {key: value for key, value in data.items() if key not in wrappers}
+    cameras = {}
+    for name in wrappers:
+        try:
+            cameras[str(name)] = described_camera(shared | {name: data[name]}, image_size, f"{source}: {name}")
+        except InputError as error:
+            raise InputError(f"{name}: {error}") from error
+    return cameras
 
 
 def described_camera(data: Mapping[str, Any], image_size: Size | None, source: str) -> Camera:
@@ -83,6 +103,7 @@ def described_camera(data: Mapping[str, Any], image_size: Size | None, source: s
     family = family_of(fields)
     found = _stated_size(fields)
     K, before = _focal(fields, family)
+    found = _ordered(fields, found, K, image_size)
     if before:
         fields.spread(before)
     camera = _with_sigma(lens_camera(K, fields, family, found, image_size), fields)
@@ -202,6 +223,23 @@ def _stated_size(fields: Fields) -> Size | None:
         if other != sizes[0]:
             raise InputError(f"two image sizes, {sizes[0][0]}x{sizes[0][1]} and {other[0]}x{other[1]} px; keep one")
     return sizes[0] if sizes else None
+
+
+def _ordered(fields: Fields, found: Size | None, K: tuple[float, ...], asked: Size | None) -> Size | None:
+    """A size that stands in a list, whose order the file does not say. Raises: InputError where the principal point
+    speaks for the other order and the images' size was not said."""
+    if found is None or any(fields.peek(key) for key in _WIDTH_KEYS):
+        return found
+    as_said, turned = (max(abs(c / n - 0.5) for c, n in zip(K[2:4], size)) for size in (found, (found[1], found[0])))
+    if as_said < _FAR or turned > as_said / 2:
+        return found
+    if asked is not None and set(asked) == set(found):
+        return asked
+    raise InputError(
+        f"the image size is written as {found[0]}, {found[1]}: as width and height the principal point "
+        f"({K[2]:g}, {K[3]:g}) px lies {as_said:.0%} of the image from its middle, the other way round {turned:.0%}; "
+        f"say --image-size {found[1]}x{found[0]} or {found[0]}x{found[1]}"
+    )
 
 
 def _with_sigma(camera: Camera, fields: Fields) -> Camera:

@@ -106,7 +106,7 @@ def _nearest(
     if said == "no" or (said is None and model is None):
         raise InputError(
             f"{what} is a model that calibrant does not have; the nearest, {name}, is {off}: take it with "
-            "calibrant convert … --answer approximate=yes"
+            "--answer approximate=yes"
         )
     note(f"{what} is read as the nearest {name} camera: {off}")
     return best.camera

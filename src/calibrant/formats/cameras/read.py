@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import shlex
 from pathlib import Path
 
 from calibrant.cameras import Camera
@@ -12,6 +14,9 @@ from calibrant.formats.cameras.camera_format import Size, size_or_refuse
 from calibrant.formats.cameras.described import described_camera
 from calibrant.formats.exchange.exchange_format import ReadOptions
 from calibrant.formats.exchange.read import read_any
+
+_ANSWER = re.compile(r"--(?:answer \w+=[\w-]+|unit \w+)")
+"""What a refusal tells to say."""
 
 
 def read_camera(path: str | Path, *, image_size: Size | None = None, name: str | None = None) -> Camera:
@@ -27,7 +32,10 @@ def read_camera(path: str | Path, *, image_size: Size | None = None, name: str |
         camera = described_camera(camera_info_fields(*inside), image_size, str(path))
         size_or_refuse(camera.image_size, image_size)
         return camera
-    found = read_any(path, ReadOptions(image_size=image_size, camera=name, places=False))
+    try:
+        found = read_any(path, ReadOptions(image_size=image_size, camera=name, places=False))
+    except InputError as error:
+        raise InputError(f"{error}{_by_convert(str(error), path)}") from error
     try:
         camera = _of_result(found, name)
         size_or_refuse(camera.image_size, image_size)
@@ -36,13 +44,25 @@ def read_camera(path: str | Path, *, image_size: Size | None = None, name: str |
     return camera
 
 
+def _by_convert(words: str, path: str | Path) -> str:
+    """The command to run first, where a refusal says what to answer: an option that names a file takes no answers."""
+    asked = list(dict.fromkeys(_ANSWER.findall(words)))
+    if not asked:
+        return ""
+    command = shlex.join(["calibrant", "convert", str(path), "camera.json"])
+    return f". The answer goes with the command that converts: {command} {asked[0]}; then give camera.json instead"
+
+
 def read_pair(path: str | Path) -> CalibrationResult:
     """A file of two cameras or more and where they are to each other: a result of calibrant, OpenCV's `stereo.yml`,
     or any other program's.
 
     Raises: InputError naming the file, and what of a pair it does not hold.
     """
-    found = read_any(path)
+    try:
+        found = read_any(path)
+    except InputError as error:
+        raise InputError(f"{error}{_by_convert(str(error), path)}") from error
     if len(found.cameras) > 1 and not found.transforms:
         raise InputError(f"{path}: cameras ({', '.join(found.cameras)}) of which the file does not say where they are")
     return found

@@ -24,6 +24,9 @@ from calibrant.targets.yaml_file import parse_documents
 _LENGTH_OF_LINE = 72
 _LONGEST_INTEGER = 18
 _CHANNELS = re.compile(r"^\(?(\d*)[a-z]\)?$")
+_HEADER = re.compile(r"\A\s*%YAML:1\.\d[^\n]*\n")
+_TIGHT = re.compile(r"^(\s*[A-Za-z_][\w.-]*):(?=[\[{\"'+.\d-])", re.MULTILINE)
+"""A key with no blank before its value, as OpenCV's parser takes it and YAML does not."""
 
 
 def _construct_matrix(loader: Any, node: Any) -> NDArray:
@@ -48,7 +51,7 @@ def read_yaml(text: str, source: str) -> Any:
 def read_yaml_documents(text: str, source: str) -> list[Any]:
     """Data of each YAML document that holds something, as `ros2 topic echo` prints messages. Raises: as `read_yaml`."""
     # A byte order mark and blanks before OpenCV's header; the line stays, so that line numbers hold.
-    body = re.sub(r"\A\s*%YAML:1\.\d[^\n]*\n", "\n", text)
+    body = _TIGHT.sub(r"\1: ", _HEADER.sub("\n", text)) if _HEADER.match(text) else text
     try:
         return parse_documents(body, _CONSTRUCTORS)
     except InputError as error:

@@ -40,12 +40,14 @@ class ReadOptions:
 @dataclass(frozen=True, kw_only=True)
 class WriteOptions:
     """How a result is written. transform: (parent, child), the one that formats of one transform write; unit_m: metres
-    per unit, where the format leaves the choice; stem: the output's name without its suffix; answers: as for reading.
+    per unit, where the format leaves the choice; stem: the output's name without its suffix; answers: as for reading;
+    approximate: whether a lens that the format can only come near to is to be written so.
     """
 
     transform: tuple[str, str] | None = None
     unit_m: float | None = None
     stem: str = "camera"
+    approximate: bool = False
     answers: Mapping[str, str] = field(default_factory=dict)
 
 

@@ -41,6 +41,8 @@ FORMATS: dict[str, Line] = {
     "openvins": Line("cameras.calibrators.openvins"),
     "mrcal": Line("cameras.calibrators.mrcal", ("text",)),
     "basalt": Line("cameras.calibrators.basalt"),
+    "euroc": Line("cameras.calibrators.euroc", ("tree", "folder")),
+    "vins": Line("cameras.calibrators.vins", ("tree", "folder")),
     "camodocal": Line("cameras.calibrators.camodocal", ("tree", "folder")),
     "calib-io": Line("cameras.calibrators.calib_io"),
     "caliscope": Line("cameras.calibrators.caliscope"),

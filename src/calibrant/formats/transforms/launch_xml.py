@@ -8,6 +8,7 @@ Sources: wiki.ros.org/roslaunch/XML/node; docs.ros.org, "Migrating launch files 
 
 from __future__ import annotations
 
+import re
 import shlex
 from xml.etree import ElementTree as ET
 
@@ -18,9 +19,10 @@ from calibrant.formats.exchange.exchange_format import ExchangeFormat, ReadOptio
 from calibrant.formats.transforms.command_lines import PUBLISHER_ASKS, ROTATIONS
 from calibrant.formats.transforms.one import Placed, as_result, placed
 from calibrant.formats.transforms.publisher import PROGRAM, placed_of, ros1_words, ros2_words
-from calibrant.reading.notes import note_unused
+from calibrant.reading.notes import note, note_unused
 
 _SUBSTITUTED = ("$(", "${")
+_ARGUMENT = re.compile(r"\$\((?:arg|var) ([^()\s]+)\)")
 
 
 def _publishers(root: ET.Element) -> list[ET.Element]:
@@ -31,13 +33,35 @@ def _matches(document: Document) -> bool:
     return document.root is not None and document.root.tag == "launch" and bool(_publishers(document.root))
 
 
+def _arguments(root: ET.Element) -> dict[str, str]:
+    """What the file's own <arg> elements say in words, by name; none that says two things."""
+    said: dict[str, set[str]] = {}
+    for element in root.iter("arg"):
+        value = element.get("value", element.get("default"))
+        if element.get("name") and value is not None:
+            said.setdefault(element.get("name", ""), set()).add(value)
+    once = {name: next(iter(values)) for name, values in said.items() if len(values) == 1}
+    return {name: value for name, value in once.items() if not any(mark in value for mark in _SUBSTITUTED)}
+
+
+def _filled(args: str, arguments: dict[str, str], where: str) -> str:
+    """The words with each $(arg NAME) that the file itself gives a value, which is said."""
+    known = [name for name in dict.fromkeys(_ARGUMENT.findall(args)) if name in arguments]
+    if known:
+        listed = ", ".join(f"{name} = {arguments[name]}" for name in known)
+        note(f"{where}: with the file's own arguments: {listed}")
+    return _ARGUMENT.sub(lambda match: arguments.get(match[1], match[0]), args)
+
+
 def _read(document: Document, options: ReadOptions) -> CalibrationResult:
     if document.root is None:
         raise InputError(document.trouble or f"{document.path} is not XML")
     found: list[Placed] = []
     open_ones: list[str] = []
+    arguments = _arguments(document.root)
     for element in _publishers(document.root):
-        name, args = element.get("name", PROGRAM), element.get("args", "")
+        name = element.get("name", PROGRAM)
+        args = _filled(element.get("args", ""), arguments, f"{document.path}: node {name!r}")
         if any(mark in args for mark in _SUBSTITUTED):
             open_ones.append(f"{name} (args={args[:60]!r}: what stands in $(…) is known to roslaunch alone)")
             continue

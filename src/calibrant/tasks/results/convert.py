@@ -189,7 +189,13 @@ def _write_options(request: Request, target: Path, form: ExchangeFormat) -> Writ
         pair = (parent, child)
     said = request.said
     chosen = form.known_answers(by_name("--choose", said.choose), option="--choose")
-    return WriteOptions(transform=pair, unit_m=said.unit_m, stem=target.name.partition(".")[0], answers=chosen)
+    return WriteOptions(
+        transform=pair,
+        unit_m=said.unit_m,
+        stem=target.name.partition(".")[0],
+        approximate=request.approximate,
+        answers=chosen,
+    )
 
 
 def _documents(
@@ -201,4 +207,4 @@ def _documents(
     written = form.write(result, options)
     if isinstance(written, bytes):
         return (Document(target, written),)
-    return tuple(Document(target / name, partial(bytes, content)) for name, content in written.items())
+    return tuple(Document(target / name, partial(bytes, content), target) for name, content in written.items())

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.formats.cameras.calibrators.rigs import assert_same, graph, rig, through
+from tests.formats.cameras.calibrators.rigs import assert_same, camera, graph, rig, through
 
+import calibrant as cb
 from calibrant.errors import InputError
-from calibrant.formats.exchange.exchange_format import ReadOptions
-from calibrant.formats.exchange.read import read_any
+from calibrant.formats.cameras.read import read_camera
+from calibrant.formats.documents.document import Document
+from calibrant.formats.exchange.exchange_format import ReadOptions, read_cameras
+from calibrant.formats.exchange.read import format_of, read_any
 from calibrant.reading.notes import heard
 
 MEI = """%YAML:1.0
@@ -158,6 +162,65 @@ def test_ocam_counts_rows_before_columns(tmp_path: Path) -> None:
     z = -206.5170 + 2.207161e-3 * rho**2 - 4.879622e-6 * rho**3 + 1.865656e-8 * rho**4
     at = camera.project(np.column_stack([y, x, -z]))
     assert np.linalg.norm(at - np.column_stack([column, row]), axis=1).max() <= most
+
+
+def test_ocam_whose_affine_terms_turn_the_image(tmp_path: Path) -> None:
+    """As real files have it, by a degree: the lens is read as near as one that is not turned, the frame turned."""
+    turn = np.radians(0.8)
+    c, d, e = np.cos(turn), -np.sin(turn), np.sin(turn)
+    text = OCAM.replace("1.000330 0.000219 0.000257", f"{c} {d} {e}")
+    with heard() as notes:
+        turned = read_any(put(tmp_path, text, "t.txt"), ReadOptions(answers={"approximate": "yes"})).camera
+    assert said_px(notes) < 0.5
+    assert any("turn the image by -0.8 deg" in note for note in notes)
+    # cam2world of the toolbox, in its axes, then turned about the axis as was said.
+    row, column = np.array([100.0, 400.0]), np.array([600.0, 300.0])
+    x, y = np.linalg.solve([[c, d], [e, 1.0]], [row - 241.800066, column - 394.552874])
+    rho = np.hypot(x, y)
+    z = -206.5170 + 2.207161e-3 * rho**2 - 4.879622e-6 * rho**3 + 1.865656e-8 * rho**4
+    phi = np.radians(-0.8)
+    ours = [np.cos(phi) * y - np.sin(phi) * x, np.sin(phi) * y + np.cos(phi) * x, -z]
+    assert np.linalg.norm(turned.project(np.column_stack(ours)) - np.column_stack([column, row]), axis=1).max() < 0.5
+
+
+@pytest.mark.parametrize("model", ["pinhole", "kannala_brandt", "double_sphere", "extended_unified"])
+def test_ocam_is_written_so_that_its_own_equations_give_the_cameras_pixels(tmp_path: Path, model: str) -> None:
+    before = camera(model)
+    source, target = tmp_path / "camera.json", tmp_path / "calib_results.txt"
+    read_cameras({"camera": before}).write(source)
+    cb.convert(source, target, to="ocam")
+    lines = [line for line in target.read_text().splitlines() if line and not line.startswith("#")]
+    a, b, centre, (c, d, e), size = (np.array([float(v) for v in line.split()]) for line in lines)
+    assert (a[0], b[0], a[2], tuple(size)) == (len(a) - 1, len(b) - 1, 0, (800, 1280))
+    # world2cam of the toolbox: x down the rows, y along the columns, z towards the viewer.
+    rays = np.array([[0.3, -0.2, 1.0], [-0.6, 0.4, 1.0], [0.01, 0.02, 1.0], [0.0, 0.5, 1.0]])
+    x, y, z = rays[:, 1], rays[:, 0], -rays[:, 2]
+    rho = np.polynomial.Polynomial(b[1:])(np.arctan2(z, np.hypot(x, y)))
+    x, y = rho * x / np.hypot(x, y), rho * y / np.hypot(x, y)
+    pixels = np.column_stack([x * e + y + centre[1], x * c + y * d + centre[0]])
+    np.testing.assert_allclose(pixels, before.project(rays), atol=0.02)
+    # cam2world: pixels back to rays.
+    x, y = np.linalg.solve([[c, d], [e, 1.0]], [pixels[:, 1] - centre[0], pixels[:, 0] - centre[1]])
+    back = np.column_stack([y, x, -np.polynomial.Polynomial(a[1:])(np.hypot(x, y))])
+    np.testing.assert_allclose(before.project(back), pixels, atol=0.02)
+
+
+def test_ocam_has_no_words_for_decentering_and_says_by_how_much(tmp_path: Path) -> None:
+    source, target = tmp_path / "camera.json", tmp_path / "calib_results.txt"
+    read_cameras({"camera": camera("brown")}).write(source)
+    with pytest.raises(InputError, match=r"the nearest would be off by 3\.\d+ px RMS.*approximate"):
+        cb.convert(source, target, to="ocam")
+    cb.convert(source, target, to="ocam", approximate=True)
+    assert format_of(Document(target)).name == "ocam"
+
+
+def test_an_option_that_names_a_camera_says_the_command_that_takes_the_answer(tmp_path: Path) -> None:
+    file = put(tmp_path, OCAM, "calib_results.txt")
+    command = rf"calibrant convert {re.escape(str(file))} camera\.json --answer approximate=yes; then give camera\.json"
+    with pytest.raises(InputError, match=command):
+        read_camera(file)
+    cb.convert(file, tmp_path / "camera.json", answer=("approximate=yes",))
+    assert read_camera(tmp_path / "camera.json").image_size == (752, 480)
 
 
 def test_ocam_without_comments_and_a_model_that_was_asked_for(tmp_path: Path) -> None:

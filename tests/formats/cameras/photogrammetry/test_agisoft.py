@@ -9,7 +9,9 @@ import pytest
 
 import calibrant as cb
 from calibrant.errors import InputError
+from calibrant.formats.exchange.read import read_any
 from calibrant.geometry import se3, so3
+from calibrant.reading.notes import heard
 
 F, CX, CY, B1, B2 = 3705.47, 11.67, -27.75, 0.526, -0.306
 K1, K2, K3, K4, P1, P2 = -0.0919, -0.0763, 0.1163, -0.0761, -3.1e-4, 1.2e-4
@@ -150,3 +152,15 @@ def test_bad_files(tmp_path: Path, old: str, new: str, words: str) -> None:
     assert old in text
     with pytest.raises(InputError, match=words):
         cb.convert(written(tmp_path, text.replace(old, new)))
+
+
+def test_a_photo_that_photoscan_did_not_align_is_left_out(tmp_path: Path) -> None:
+    """Version 1.2 writes sixteen zeros where later ones write nothing."""
+    file = tmp_path / "cameras.xml"
+    zeros = '<camera id="1" sensor_id="0" label="DJI_2"><transform>' + "0 " * 16 + "</transform></camera>"
+    absent = '<camera id="1" sensor_id="0" component_id="0" label="DJI_2"/>'
+    file.write_text(xml({"f": F, "cx": CX, "cy": CY}).replace(absent, zeros))
+    with heard() as notes:
+        found = read_any(file)
+    assert [view.id for view in found.views] == ["DJI_1"]
+    assert any("1 pictures were not aligned" in note for note in notes)

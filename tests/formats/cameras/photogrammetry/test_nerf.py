@@ -11,7 +11,10 @@ import pytest
 
 import calibrant as cb
 from calibrant.errors import InputError
+from calibrant.formats.exchange.exchange_format import ReadOptions
+from calibrant.formats.exchange.read import read_any
 from calibrant.geometry import se3, so3
+from calibrant.reading.notes import heard
 
 M = se3.make(so3.exp([0.3, -0.4, 2.0]), [0.5, -1.0, 2.0])
 X = (M @ [0.2, 0.1, -1.5, 1])[:3]
@@ -109,7 +112,7 @@ def test_round_trip(tmp_path: Path, cameras: int) -> None:
         ({"w": 0}, {}, "image size"),
         ({}, {"transform_matrix": [[1, 0], [0, 1]]}, "shape"),
         ({}, {"transform_matrix": "x"}, "numbers"),
-        ({}, {"transform_matrix": (2 * M).tolist()}, "transform_matrix"),
+        ({}, {"transform_matrix": (np.diag([2.0, 2, 2, 1]) @ M).tolist()}, "transform_matrix"),
         ({}, {"transform_matrix": np.diag([1.0, 1, -1, 1]).tolist()}, "mirrors"),
         ({"fl_x": "wide"}, {}, "fl_x"),
     ],
@@ -117,3 +120,15 @@ def test_round_trip(tmp_path: Path, cameras: int) -> None:
 def test_bad_files(tmp_path: Path, lens: dict[str, Any], frame: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=words):
         cb.convert(written(tmp_path, OWN | lens, **frame))
+
+
+def test_a_scene_scaled_by_dividing_whole_matrices(tmp_path: Path) -> None:
+    file = tmp_path / "transforms.json"
+    lens = {"fl_x": 640.0, "fl_y": 641.0, "cx": 642.0, "cy": 366.0, "w": 1280, "h": 720}
+    file.write_text(json.dumps(lens | {"frames": [{"file_path": "a.png", "transform_matrix": M.tolist()}]}))
+    plain = cb.convert(file, unit="m").views[0].T_camera_target
+    file.write_text(json.dumps(lens | {"frames": [{"file_path": "a.png", "transform_matrix": (M / 844.4).tolist()}]}))
+    with heard() as notes:
+        divided = read_any(file, ReadOptions(unit_m=1.0)).views[0].T_camera_target
+    np.testing.assert_allclose(divided, plain, atol=1e-12)
+    assert any("divided by its last number" in note for note in notes)

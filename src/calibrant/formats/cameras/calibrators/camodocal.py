@@ -49,7 +49,8 @@ _PARAMETERS = {
     "KANNALA_BRANDT": ("kannala_brandt", ("mu", "mv", "u0", "v0"), {f"k{n + 1}": f"k{n}" for n in (1, 2, 3, 4)}),
 }
 """Their names of the focal lengths and the principal point, and of each term (with ours)."""
-_WRITTEN = {"pinhole": "PINHOLE"} | {ours: word for word, (ours, *_) in _PARAMETERS.items()}
+WRITTEN = {"pinhole": "PINHOLE"} | {ours: word for word, (ours, *_) in _PARAMETERS.items()}
+LACKS: Mapping[str, tuple[str, ...]] = {"brown": ("k3",), "unified": ("skew",)}
 _GROUPS = ("mirror_parameters", "distortion_parameters", "projection_parameters")
 _POLYNOMIAL = ("poly_parameters", "affine_parameters")
 _ON_IMU = ("extrinsicRotation", "extrinsicTranslation")
@@ -86,7 +87,7 @@ def _matches(document: Document) -> bool:
 def _read(document: Document, options: ReadOptions) -> CalibrationResult:
     if document.is_folder:
         return _pair(document, options) if _POSES not in document.names else _system(document, options)
-    camera = _camera(document, options)
+    camera = camodocal_camera(document, options)
     name = str(document.mapping.get("camera_name") or document.path.name.partition(".")[0])
     places: tuple[TransformEstimate, ...] = ()
     if all(key in document.mapping for key in _ON_IMU):
@@ -115,13 +116,13 @@ def _system(folder: Document, options: ReadOptions) -> CalibrationResult:
         file = Document(folder.path / f"{name}_calib.yaml")
         T = from_matrix([n for row in lines[i + 1 : i + 4] for n in row], f"{_POSES}: {name}")
         places.append(as_transform(_RIG, name, _right_handed(file, T, options)))
-        cameras[name] = _camera(file, options)
+        cameras[name] = camodocal_camera(file, options)
     return read_cameras(cameras, transforms=tuple(places))
 
 
 def _pair(folder: Document, options: ReadOptions) -> CalibrationResult:
     files = {name: Document(folder.path / f"{name}.yaml") for name in _PAIR}
-    cameras = {name: _camera(file, options) for name, file in files.items()}
+    cameras = {name: camodocal_camera(file, options) for name, file in files.items()}
     found = Document(folder.path / "extrinsics.yaml").mapping.get("transform")
     if not isinstance(found, Mapping):
         raise InputError("extrinsics.yaml holds no transform")
@@ -143,7 +144,8 @@ def _right_handed(document: Document, T: Array, options: ReadOptions) -> Array:
     return T
 
 
-def _camera(document: Document, options: ReadOptions) -> Camera:
+def camodocal_camera(document: Document, options: ReadOptions) -> Camera:
+    """The camera of one of its files. Raises: InputError for unknown models, and terms that are not the model's."""
     data, source = document.mapping, str(document.path)
     if not _is_camera(data):
         raise InputError(f"{source}: no projection_parameters in it")
@@ -186,18 +188,19 @@ def _polynomial(
 
 def _write(result: CalibrationResult, options: WriteOptions) -> Written:
     if len(result.cameras) == 1:
-        return _text(*next(iter(result.cameras.items())))
+        return camodocal_text(*next(iter(result.cameras.items())))
     strange = next((name for name in result.cameras if set(name) & set('/\\:"')), None)
     if strange is not None:
         raise InputError(f"the camera {strange!r} gives its file its name, which cannot have / \\ : or quotes in it")
     places = places_in(result, world_of(result, options.answers.get("world")), tuple(result.cameras))
     blocks = ["\n".join([name, *(" ".join(map(digits, row)) for row in T[:3])]) for name, T in places.items()]
-    files = {f"{name}_calib.yaml": _text(name, camera) for name, camera in result.cameras.items()}
+    files = {f"{name}_calib.yaml": camodocal_text(name, camera) for name, camera in result.cameras.items()}
     return {_POSES: ("\n\n".join(blocks) + "\n").encode(), **files}
 
 
-def _text(name: str, camera: Camera) -> bytes:
-    word = _WRITTEN[camera.model.name]
+def camodocal_text(name: str, camera: Camera) -> bytes:
+    """The file of a camera of one of `WRITTEN`."""
+    word = WRITTEN[camera.model.name]
     if word == "PINHOLE_FULL":
         note(f"{name} is written as PINHOLE_FULL, which VINS-Fusion's camera models know and CamOdoCal's own do not")
     _, four, terms = _PARAMETERS[word]
@@ -223,7 +226,7 @@ FORMAT = ExchangeFormat(
     matches=_matches,
     read=_read,
     write=_write,
-    models=tuple(_WRITTEN),
-    lacks={"brown": ("k3",), "unified": ("skew",)},
+    models=tuple(WRITTEN),
+    lacks=LACKS,
     asks=ASKS | {"world": "the frame that all cameras are placed in"},
 )

@@ -17,6 +17,7 @@ kalibr_common/ConfigReader.py and aslam_cameras (its wiki, "Supported models").
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -96,18 +97,33 @@ def chain_camera(node: Mapping[str, Any], size: Size | None, source: str, answer
     return placed_camera(ours, values, found, size)
 
 
-def camera_lines(camera: Camera, indent: str) -> list[str]:
-    """The lines of a chain of a camera that it can say."""
+@dataclass(frozen=True)
+class ChainWords:
+    """A camera as Kalibr says it: the two models, their numbers in its order (px, and the lens's terms)."""
+
+    projection: str
+    distortion: str
+    intrinsics: tuple[float, ...]
+    coefficients: tuple[float, ...]
+
+
+def camera_words(camera: Camera) -> ChainWords:
+    """A camera of one of `MODELS` in Kalibr's words."""
     values = camera.parameters
     projection, distortion = _THEIRS[camera.model.name]
-    terms = _OURS[projection, distortion][1]
-    names = (*_BEFORE[projection], *_FOCAL)
+    names, terms = (*_BEFORE[projection], *_FOCAL), _OURS[projection, distortion][1]
+    return ChainWords(projection, distortion, tuple(values[n] for n in names), tuple(values[n] for n in terms))
+
+
+def camera_lines(camera: Camera, indent: str) -> list[str]:
+    """The lines of a chain of a camera that it can say."""
+    words = camera_words(camera)
     width, height = camera.image_size
     return [
-        f"{indent}camera_model: {projection}",
-        f"{indent}intrinsics: [{', '.join(digits(values[n]) for n in names)}]",
-        f"{indent}distortion_model: {distortion}",
-        f"{indent}distortion_coeffs: [{', '.join(digits(values[n]) for n in terms)}]",
+        f"{indent}camera_model: {words.projection}",
+        f"{indent}intrinsics: [{', '.join(map(digits, words.intrinsics))}]",
+        f"{indent}distortion_model: {words.distortion}",
+        f"{indent}distortion_coeffs: [{', '.join(map(digits, words.coefficients))}]",
         f"{indent}resolution: [{width}, {height}]",
     ]
 

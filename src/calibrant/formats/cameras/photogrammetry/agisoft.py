@@ -235,6 +235,9 @@ def _pictures(chunk: Element, names: Mapping[str, str], options: ReadOptions, so
             continue
         label = camera.get("label") or camera.get("id") or "?"
         M = _numbers(text, 16, f"the transform of {label}").reshape(4, 4)
+        if not M.any():  # PhotoScan 1.2 writes zeros for a photo that was not aligned
+            left += 1
+            continue
         T = se3.check(M, name=f"the transform of {label}", tolerance=ROUNDED)
         component = camera.get("component_id")
         if component not in told:

@@ -24,7 +24,7 @@ from calibrant.formats.cameras.photogrammetry.pictures import FLIP, Picture, pic
 from calibrant.formats.documents.document import Document
 from calibrant.formats.exchange.exchange_format import ExchangeFormat, ReadOptions, WriteOptions
 from calibrant.geometry import se3
-from calibrant.reading.notes import note_unused
+from calibrant.reading.notes import note, note_unused
 
 _CORNER = 0.5
 _TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")
@@ -59,7 +59,7 @@ def _read(document: Document, options: ReadOptions) -> CalibrationResult:
     known: dict[str, str] = {}
     pictures: list[Picture] = []
     unit = unit_of(options, source) if options.places else 1.0
-    places = _places(frames, unit) if options.places else None
+    places = _places(frames, unit, source) if options.places else None
     for i, frame in enumerate(frames):
         lens = shared | {key: frame[key] for key in _LENS if frame.get(key) is not None}
         key = json.dumps(lens, sort_keys=True, default=str)
@@ -77,7 +77,7 @@ def _frame(frame: Any, i: int) -> Mapping[str, Any]:
     return frame
 
 
-def _places(frames: list[Mapping[str, Any]], unit: float) -> Array:
+def _places(frames: list[Mapping[str, Any]], unit: float, source: str) -> Array:
     """T_camera_world (n, 4, 4) of optical frames. Raises: InputError naming a frame without a pose."""
     out = []
     for i, frame in enumerate(frames):
@@ -90,9 +90,18 @@ def _places(frames: list[Mapping[str, Any]], unit: float) -> Array:
         if M.shape != (4, 4):
             raise InputError(f"frame {i}: its transform_matrix has shape {M.shape}, expected 4x4")
         out.append(M)
-    T = se3.check(np.array(out), name="transform_matrix", tolerance=_ROUNDED) @ FLIP
+    T = se3.check(_homogeneous(np.array(out), source), name="transform_matrix", tolerance=_ROUNDED) @ FLIP
     T[:, :3, 3] *= unit
     return se3.inverse(T)
+
+
+def _homogeneous(M: Array, source: str) -> Array:
+    """Matrices (n, 4, 4) whose last number is 1: who scales a scene may have divided the whole matrix."""
+    last = M[:, 3, 3]
+    if np.all((last > 0) & np.isfinite(last)) and np.any(np.abs(last - 1) > _ROUNDED):
+        note(f"{source}: the transform_matrix ends in {last[0]:g} where 1 belongs; each was divided by its last number")
+        return M / last[:, None, None]
+    return M
 
 
 def _camera(lens: Mapping[str, Any], image_size: Size | None) -> Camera:

@@ -12,7 +12,7 @@ import runpy
 import sys
 import time
 from enum import StrEnum
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 
 class Stamp:
@@ -44,6 +44,14 @@ class Transform:
 class TransformStamped:
     def __init__(self):
         self.header, self.child_frame_id, self.transform = Header(), "", Transform()
+
+
+class PoseWithCovarianceStamped:
+    """As geometry_msgs has it: header, and pose with a pose and 36 numbers, row by row."""
+
+    def __init__(self):
+        self.header, self.pose = Header(), SimpleNamespace(pose=None, covariance=[0.0] * 36)
+        self.pose.pose = SimpleNamespace(position=Vector3(), orientation=Quaternion())
 
 
 class Image:
@@ -99,6 +107,11 @@ class Publisher:
             t, q = one.transform.translation, one.transform.rotation
             said |= {"parent": one.header.frame_id, "child": one.child_frame_id}
             said |= {"place": [t.x, t.y, t.z, q.x, q.y, q.z, q.w]}
+        elif self.kind is PoseWithCovarianceStamped:
+            one = message
+            p, q = one.pose.pose.position, one.pose.pose.orientation
+            said |= {"frame": one.header.frame_id, "covariance": list(one.pose.covariance)}
+            said |= {"place": [p.x, p.y, p.z, q.x, q.y, q.z, q.w]}
         else:
             one = message
             said |= {"size": [message.width, message.height, message.step], "bytes": len(message.data)}
@@ -174,7 +187,10 @@ def main():
     )
     module("rclpy", init=init, create_node=create_node, spin=spin, shutdown=shutdown, qos=qos)
     messages = {
-        "geometry_msgs": {"TransformStamped": TransformStamped},
+        "geometry_msgs": {
+            "PoseWithCovarianceStamped": PoseWithCovarianceStamped,
+            "TransformStamped": TransformStamped,
+        },
         "sensor_msgs": {"Image": Image, "CompressedImage": CompressedImage, "CameraInfo": CameraInfo},
         "tf2_msgs": {"TFMessage": TFMessage},
     }

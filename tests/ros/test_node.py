@@ -38,6 +38,7 @@ class Played:
     batches: Iterator[Sequence[Event]]
     static: list[Transform] = field(default_factory=list)
     live: list[Transform] = field(default_factory=list)
+    poses: list[tuple[Transform, np.ndarray]] = field(default_factory=list)
     shown: list[np.ndarray] = field(default_factory=list)
     closed: bool = False
 
@@ -49,6 +50,9 @@ class Played:
 
     def publish_live(self, transform: Transform) -> None:
         self.live.append(transform)
+
+    def publish_pose(self, transform: Transform, covariance: np.ndarray) -> None:
+        self.poses.append((transform, covariance))
 
     def show(self, picture: np.ndarray, *, frame: str, stamp: float) -> None:
         self.shown.append(picture)
@@ -210,5 +214,9 @@ def test_a_camera_beside_the_robot_is_tracked_and_followed(tmp_path: Path) -> No
     assert {(t.parent, t.child, t.static) for t in transport.live} == {("base", "front_optical_live", False)}
     assert any("contradicts the views before: the window starts anew" in n for n in heard.notes)
     assert len(transport.live) >= 5
+    assert [t for t, _ in transport.poses] == transport.live
+    for transform, covariance in transport.poses[:3]:
+        error = se3.local(T_BASE_FRONT, transform.T_parent_child)
+        assert error @ np.linalg.solve(covariance, error) < 16.8  # 1 in 100 of 6 degrees of freedom
     assert se3.deviation(T_BASE_FRONT, transport.live[2].T_parent_child)[0] < 3.0
     assert se3.deviation(moved, transport.live[-1].T_parent_child)[0] < 3.0

@@ -70,13 +70,20 @@ def test_what_is_published_reaches_ros_2(tmp_path: Path, log: Path) -> None:
     bridge = Bridge(config(tmp_path))
     bridge.publish_static(Transform("tool0", "wrist_optical", T, 7.25, True))
     bridge.publish_live(Transform("base", "front_live", T, 8.0, False))
+    covariance = np.arange(36.0).reshape(6, 6)
+    bridge.publish_pose(Transform("base", "front_live", T, 8.5, False), covariance + covariance.T)
     bridge.show(np.zeros((2, 4, 3), np.uint8), frame="wrist_optical", stamp=9.0)
     bridge.close()
-    static, live, shown = (json.loads(line) for line in log.read_text().splitlines())
+    static, live, pose, shown = (json.loads(line) for line in log.read_text().splitlines())
     assert (static["topic"], static["latched"], static["stamp"]) == ("/tf_static", True, [7, 250_000_000])
     assert (live["topic"], live["latched"], live["parent"], live["child"]) == ("/tf", False, "base", "front_live")
     x, y, z, *xyzw = static["place"]
     np.testing.assert_allclose(se3.make(so3.from_quaternion_wxyz([xyzw[3], *xyzw[:3]]), [x, y, z]), T, atol=1e-15)
+    assert (pose["topic"], pose["latched"], pose["frame"]) == ("/calibrant/wrist/pose", False, "base")
+    np.testing.assert_allclose(pose["place"], static["place"], atol=1e-15)
+    told = np.reshape(pose["covariance"], (6, 6))  # x, y, z, then turns about x, y, z
+    np.testing.assert_array_equal(told[:3, :3], (covariance + covariance.T)[3:, 3:])
+    np.testing.assert_array_equal(told[:3, 3:], (covariance + covariance.T)[3:, :3])
     assert shown == {
         "topic": "/calibrant/wrist/samples", "latched": False, "size": [4, 2, 12], "bytes": 24, "stamp": [9, 0],
     }  # fmt: skip

@@ -22,7 +22,6 @@ from calibrant.detection.detection import Detection
 from calibrant.detection.images.copies import copies_note, copies_of
 from calibrant.detection.images.faint import flattened
 from calibrant.detection.images.files import expand
-from calibrant.detection.images.header import UPRIGHT, WORDS
 from calibrant.detection.images.images import load_grey, orientation_of
 from calibrant.detection.images.likeness import notes_on_likeness
 from calibrant.detection.images.moved import notes_on_motion
@@ -31,6 +30,7 @@ from calibrant.detection.subpixel.refinement import DEFAULT, Refinement
 from calibrant.errors import DetectionError, InputError
 from calibrant.executors import executor_for, in_order
 from calibrant.expected import expect, unexpected
+from calibrant.formats.images.header import UPRIGHT, WORDS
 from calibrant.opencv import cv2
 from calibrant.targets.registry import parse_target
 from calibrant.targets.target import Target

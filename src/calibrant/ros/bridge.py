@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
 from calibrant.ros.side import read_frame, write_frame
@@ -48,6 +49,7 @@ class Bridge:
             "images": list(config.pictures),
             "infos": [] if config.camera_info is None else [config.camera_info],
             "show": f"/calibrant/{config.name}/samples",
+            "pose": f"/calibrant/{config.name}/pose",
         }
         try:
             self._process = subprocess.Popen(
@@ -87,6 +89,13 @@ class Bridge:
     def publish_live(self, transform: Transform) -> None:
         """As `Transport.publish_live`."""
         self._send({"kind": "live", **_words(transform)})
+
+    def publish_pose(self, transform: Transform, covariance: Array) -> None:
+        """As `Transport.publish_pose`."""
+        # ROS has the place first, then turns about the parent's axes (REP 103).
+        order = [3, 4, 5, 0, 1, 2]
+        numbers = [float(v) for v in covariance[np.ix_(order, order)].ravel()]
+        self._send({"kind": "pose", **_words(transform), "covariance": numbers})
 
     def show(self, picture: NDArray[np.uint8], *, frame: str, stamp: float) -> None:
         """As `Transport.show`."""

@@ -6,7 +6,7 @@ Both sides talk through its standard input and output in frames: the length of a
 the header, and as many bytes as its "bytes" says.
 
     out   {"kind": "picture" | "info" | "transform" | "ready" | "failed", …}
-    in    {"kind": "static" | "live" | "show", …}; when it ends, so does this process
+    in    {"kind": "static" | "live" | "pose" | "show", …}; when it ends, so does this process
 
 ROS 2's class is written against rclpy's documented interface and tested against a stand-in of it, not on a real one.
 """
@@ -100,6 +100,16 @@ def _fill(message: Any, header: dict[str, Any]) -> Any:
     return message
 
 
+def _believe(message: Any, header: dict[str, Any]) -> Any:
+    """A PoseWithCovarianceStamped of a frame's header, but for its stamp; the frame it is in is its header's."""
+    message.header.frame_id = header["parent"]
+    p, q = message.pose.pose.position, message.pose.pose.orientation
+    p.x, p.y, p.z = header["xyz"]
+    q.x, q.y, q.z, q.w = header["xyzw"]
+    message.pose.covariance = [float(v) for v in header["covariance"]]
+    return message
+
+
 def _paint(message: Any, header: dict[str, Any], payload: bytes) -> Any:
     """An Image of a frame, but for its stamp."""
     message.header.frame_id = header["frame"]
@@ -114,7 +124,7 @@ class Ros1:
     def __init__(self, asked: dict[str, Any], send: Sender) -> None:
         import rosgraph
         import rospy
-        from geometry_msgs.msg import TransformStamped
+        from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
         from sensor_msgs.msg import CameraInfo, CompressedImage, Image
         from tf2_msgs.msg import TFMessage
 
@@ -125,6 +135,8 @@ class Ros1:
         self._static = rospy.Publisher("/tf_static", TFMessage, queue_size=10, latch=True)
         self._live = rospy.Publisher("/tf", TFMessage, queue_size=10)
         self._show = rospy.Publisher(asked["show"], Image, queue_size=1)
+        self._pose = PoseWithCovarianceStamped
+        self._poses = rospy.Publisher(asked["pose"], PoseWithCovarianceStamped, queue_size=10)
 
         def seconds(stamp: Any) -> float:
             return float(stamp.to_sec())
@@ -151,6 +163,11 @@ class Ros1:
             message.header.stamp = stamp
             self._show.publish(message)
             return
+        if header["kind"] == "pose":
+            message = _believe(self._pose(), header)
+            message.header.stamp = stamp
+            self._poses.publish(message)
+            return
         message = _fill(self._transform(), header)
         message.header.stamp = stamp
         (self._static if header["kind"] == "static" else self._live).publish(self._tf([message]))
@@ -165,7 +182,7 @@ class Ros2:
 
     def __init__(self, asked: dict[str, Any], send: Sender) -> None:
         import rclpy
-        from geometry_msgs.msg import TransformStamped
+        from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
         from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
         from sensor_msgs.msg import CameraInfo, CompressedImage, Image
         from tf2_msgs.msg import TFMessage
@@ -177,6 +194,8 @@ class Ros2:
         self._static = node.create_publisher(TFMessage, "/tf_static", latched)
         self._live = node.create_publisher(TFMessage, "/tf", QoSProfile(depth=100))
         self._show = node.create_publisher(Image, asked["show"], 1)
+        self._pose = PoseWithCovarianceStamped
+        self._poses = node.create_publisher(PoseWithCovarianceStamped, asked["pose"], QoSProfile(depth=10))
 
         def seconds(stamp: Any) -> float:
             return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
@@ -197,12 +216,15 @@ class Ros2:
 
     def handle(self, header: dict[str, Any], payload: bytes) -> None:
         """Publish what a frame says."""
-        show = header["kind"] == "show"
-        message = _paint(self._image(), header, payload) if show else _fill(self._transform(), header)
+        kind = header["kind"]
+        if kind == "show":
+            message = _paint(self._image(), header, payload)
+        else:
+            message = _believe(self._pose(), header) if kind == "pose" else _fill(self._transform(), header)
         stamp = message.header.stamp
         stamp.sec, stamp.nanosec = divmod(round(1e9 * header["stamp"]), 10**9)
-        if show:
-            self._show.publish(message)
+        if kind in ("show", "pose"):
+            (self._show if kind == "show" else self._poses).publish(message)
             return
         (self._static if header["kind"] == "static" else self._live).publish(self._tf(transforms=[message]))
 

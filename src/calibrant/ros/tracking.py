@@ -80,3 +80,5 @@ class Tracking:
         frame = config.frame or f"{config.name}_optical_frame"
         where = Transform(config.base, f"{frame}{LIVE}", tracker.estimate.matrix, picture.stamp, static=False)
         around.transport.publish_live(where)
+        if tracker.estimate.covariance is not None:
+            around.transport.publish_pose(where, tracker.estimate.covariance)

@@ -51,6 +51,11 @@ class Transport(Protocol):
         """Publish a transform of now."""
         ...
 
+    def publish_pose(self, transform: Transform, covariance: Array) -> None:
+        """Publish where a frame is now, with its covariance (6, 6): a turn about the parent's axes, radians, and a
+        shift along them, metres."""
+        ...
+
     def show(self, picture: NDArray[np.uint8], *, frame: str, stamp: float) -> None:
         """Publish a picture (h, w, 3) in BGR."""
         ...

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from calibrant.detection.images.images import load_grey
-from calibrant.detection.images.jpeg import jpeg_damage
 from calibrant.errors import InputError
+from calibrant.formats.images.jpeg import jpeg_damage
 
 KINDS = {
     "baseline": [],

@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibrant.detection.images import header
-from calibrant.detection.images.images import load_grey, load_image, refuse_vast
+from calibrant.detection.images.images import load_grey, load_image
 from calibrant.detection.images.video import frames
 from calibrant.errors import InputError
+from calibrant.formats.images import header
+from calibrant.formats.images.picture_bytes import refuse_vast
 from calibrant.opencv import cv2
 
 PICTURE = (np.arange(37 * 53) % 251).astype(np.uint8).reshape(37, 53)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -175,3 +178,49 @@ def test_a_bag_that_is_something_else_is_named(name: str, content: bytes, messag
     (tmp_path / name).write_bytes(content)
     with pytest.raises(InputError, match=message):
         pictures.entries(tmp_path / name)
+
+
+def bomb(width: int, height: int) -> bytes:
+    """A blank PNG of some kilobytes that unfolds to so many pixels, as `zlib` alone writes it."""
+
+    def chunk(kind: bytes, body: bytes) -> bytes:
+        return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+    packer = zlib.compressobj(9)
+    rows = b"".join(packer.compress(bytes(1 + width)) for _ in range(height)) + packer.flush()
+    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda png: b"", "is empty"),
+        (lambda png: png[: len(png) // 2], "is cut off"),
+        (lambda png: png[:60] + bytes([png[60] ^ 255]) + png[61:], "is damaged"),
+        (lambda png: bomb(20_000, 10_000), "made to fill the memory"),
+        (lambda png: bomb(4, 1)[:16] + struct.pack(">II", 40_000, 40_000) + bomb(4, 1)[24:], "megapixels at most"),
+    ],
+)
+def test_a_compressed_picture_is_read_within_the_bounds_of_a_file(
+    change: Callable[[bytes], bytes], words: str, tmp_path: Path
+) -> None:
+    png = cv2.imencode(".png", np.random.default_rng(0).integers(0, 255, (40, 60), np.uint8))[1].tobytes()
+    with written_bag(tmp_path, "mcap") as (bag, writer):
+        message = writer.type("sensor_msgs/msg/CompressedImage")
+        data = np.frombuffer(change(png), np.uint8)
+        writer.write("/camera/compressed", message(header=writer.header(0.0), format="png", data=data), 0.0)
+    with pytest.raises(InputError, match=words) as told:
+        load_grey(bag / "000000")
+    assert "000000" in str(told.value)
+
+
+def test_a_raw_picture_of_more_pixels_than_sensors_have_is_refused(tmp_path: Path) -> None:
+    with written_bag(tmp_path, "mcap") as (bag, writer):
+        message = writer.type("sensor_msgs/msg/Image")(
+            header=writer.header(0.0), height=50_000, width=50_000, encoding="mono8", is_bigendian=0, step=50_000,
+            data=np.zeros(100, np.uint8),
+        )  # fmt: skip
+        writer.write("/camera/image", message, 0.0)
+    with pytest.raises(InputError, match="megapixels at most"):
+        load_grey(bag / "000000")

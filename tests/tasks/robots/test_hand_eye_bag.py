@@ -68,6 +68,14 @@ def test_a_real_set_as_a_bag_gives_what_its_files_give(
         assert np.all(np.abs(se3.local(expected.matrix, found.matrix)) < 0.05 * sigma)
     (record, *_) = result.inputs
     assert record["file"].endswith((".mcap", ".bag", ".yaml"))
+    examined = cb.doctor(bag=bag, image_topic="/camera/image_raw", tf="base_link:tool0", target=SPEC)
+    expected_of = cb.doctor(images=folder / "images", poses=folder / "poses", target=SPEC)
+    assert (examined.verdict, examined.decided["setup"]) == (expected_of.verdict, expected_of.decided["setup"])
+    assert examined.check("moments").message.startswith("12 still moments")
+    assert examined.figures["loop_before_mm"].value == pytest.approx(
+        expected_of.figures["loop_before_mm"].value, rel=0.02
+    )
+    assert {c.name for c in expected_of.checks} < {c.name for c in examined.checks}
 
 
 def moving_bag(folder: Path, setup: str, *, seconds: float, seed: int) -> tuple[Path, NDArray]:

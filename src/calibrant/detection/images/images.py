@@ -8,17 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrant.detection.images import header as image_header
 from calibrant.detection.images.files import frame_of
 from calibrant.detection.images.recordings import source_of
-from calibrant.detection.images.video import MOST_PIXELS
 from calibrant.errors import InputError
+from calibrant.formats.images import header as image_header
+from calibrant.formats.images.picture_bytes import damage, require_picture
 from calibrant.opencv import cv2
 from calibrant.reading.files import PICTURE, read_bytes
 
-_VAST, _UNFOLDED = 100_000_000, 100
-"""Searching a hundred megapixels takes 0.7 GB. Above, a file must have a photo's bytes: the coarsest JPEG has one for
-every 50 pixels, a bomb one for a thousand."""
 _SUN_RASTER = b"\x59\xa6\x6a\x95"
 
 
@@ -67,49 +64,13 @@ def orientation_of(path: str | Path) -> int:
 
 def _bytes_of(path: Path) -> bytes:
     data = read_bytes(path, most=PICTURE, what="image")
-    if not data:
-        raise InputError(f"image {path} is empty (0 bytes)")
-    if image_header.is_cut_off(data):
-        raise InputError(f"image {path} is cut off: its {len(data)} bytes end before the picture does; copy it again")
-    refuse_vast(image_header.size(data), len(data), f"image {path}")
-    count = image_header.pictures(data)
-    if count > 1:
-        raise InputError(
-            f"image {path} holds {count} pictures (an animation, or pages); expected one a file: save each on its own, "
-            "or all as a video"
-        )
+    require_picture(data, f"image {path}")
     return data
-
-
-def refuse_vast(size: tuple[int, int] | None, count: int, what: str) -> None:
-    """Raises: InputError for a picture that would fill the memory: more pixels than sensors have, or than bytes tell.
-
-    Args: size: width and height as the file states them, where it does; count: its bytes.
-    """
-    if size is None:
-        return
-    pixels = size[0] * size[1]
-    if pixels > MOST_PIXELS:
-        raise InputError(
-            f"{what} states {size[0]}x{size[1]} px; expected {MOST_PIXELS / 1e6:g} megapixels at most, as the largest "
-            "sensors have"
-        )
-    if pixels > _VAST and pixels > _UNFOLDED * count:
-        raise InputError(
-            f"{what} states {size[0]}x{size[1]} px and has {count:,} bytes, {pixels / count:,.0f} pixels a byte; "
-            f"expected {_UNFOLDED} pixels a byte at most. It is blank, or made to fill the memory"
-        )
 
 
 def _refuse_damaged(path: Path, data: bytes) -> None:
     """Raises: InputError for a JPEG or PNG file whose bytes were changed: decoders still make a picture of it."""
-    if data[:3] == image_header.JPEG:
-        # The kernel is loaded for such files alone.
-        from calibrant.detection.images.jpeg import jpeg_damage
-
-        problem = jpeg_damage(data)
-    else:
-        problem = image_header.png_damage(data)
+    problem = damage(data)
     if problem is not None:
         raise InputError(f"image {path} is damaged ({problem}); copy it again from the camera, or leave it out")
 

@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 
 from calibrant.detection.images.sharpness import sharpest_together, sharpness
 from calibrant.errors import InputError
+from calibrant.formats.images.picture_bytes import MOST_PIXELS
 from calibrant.opencv import cv2
 from calibrant.reading.files import open_file
 
-MOST_PIXELS = 250_000_000
-"""Of a frame or an image: the largest sensors have as many."""
 MOST_FRAMES = 300
 """More views of a board that moves before a camera repeat what is known already."""
 

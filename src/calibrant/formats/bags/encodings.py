@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.errors import InputError
+from calibrant.formats.images.picture_bytes import damage, refuse_vast, require_picture
 from calibrant.opencv import cv2
 
 _PLAIN = {
@@ -68,10 +69,17 @@ def decoded_compressed(message: Any, where: str) -> NDArray[Any]:
     if "compressedDepth" in form:
         raise InputError(f"{where}: the picture is compressed depth ({form}), which shows no board; name another topic")
     data = np.asarray(message.data, np.uint8)
+    content = data.tobytes()
+    require_picture(content, f"{where}: the picture ({form or 'no format given'})")
+    problem = damage(content)
+    if problem is not None:
+        raise InputError(f"{where}: the picture ({form or 'no format given'}) is damaged: {problem}")
     try:
-        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION) if data.size else None
+        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error as error:
         raise InputError(f"{where}: the picture cannot be decoded: {error.err}") from None
+    except MemoryError:
+        raise InputError(f"{where}: the picture is larger than this computer's memory") from None
     if image is None:
         raise InputError(f"{where}: the picture ({form or 'no format given'}, {data.size} bytes) is damaged")
     bayer = _BAYER.match(form)
@@ -96,6 +104,7 @@ def _pixels(message: Any, kind: str, channels: int, where: str) -> NDArray[Any]:
     height, width, step = int(message.height), int(message.width), int(message.step)
     row = width * channels * dtype.itemsize
     data = np.asarray(message.data, np.uint8)
+    refuse_vast((width, height), data.size, f"{where}: the picture")
     step = step or row
     if height < 1 or width < 1 or step < row or data.size < step * (height - 1) + row:
         raise InputError(

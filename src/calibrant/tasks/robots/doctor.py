@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from calibrant.errors import InputError, RefusedError
 from calibrant.tasks.inputs import session
+from calibrant.tasks.inputs.bags.topics import ONLY, bag_files, cameras_of_bag
 from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.bags import PosedBagOptions
 from calibrant.tasks.options.cameras import KnownCameraOptions, LensOptions
 from calibrant.tasks.options.choices import SETUPS
 from calibrant.tasks.options.images import NamedPhotoOptions, PairPhotoOptions, PointsOptions, SearchOptions
@@ -21,10 +23,11 @@ from calibrant.tasks.options.robots import RobotOptions
 from calibrant.tasks.options.words import split_names
 from calibrant.tasks.outcome import Document, NextStep, Outcome
 from calibrant.tasks.robots import hand_eye_list, pair_doctor
+from calibrant.tasks.robots.hand_eye_bag import poses_named, read_bag, require_one_source
 from calibrant.tasks.robots.hand_eye_list import ListRequest, PairedData
 
 if TYPE_CHECKING:
-    from calibrant.data import CalibrationResult, RobotPoses
+    from calibrant.data import CalibrationResult, Check, RobotPoses
     from calibrant.diagnose.doctor.diagnosis import Diagnosis
     from calibrant.diagnose.look import Look
 
@@ -37,6 +40,7 @@ class Request:
     pictures of two cameras (pairing, sides, mirror images, exchanged cameras, other cameras' pictures).
 
     calibrant doctor --images photos/*.png --poses poses.csv --target chessboard:9x6:25mm
+    calibrant doctor --bag run.mcap --image-topic /camera/image_raw --tf base_link:tool0 --target chessboard:9x6:25mm
     calibrant doctor --left photos/left*.jpg --right photos/right*.jpg --target chessboard:9x6:25mm
 
     Proposes a repair for each fault and shows how the loop closes before and after it. Nothing is changed: --apply
@@ -48,6 +52,7 @@ class Request:
     """File of robot poses, or one file a pose."""
     pair: PairPhotoOptions = PairPhotoOptions()
     photos: NamedPhotoOptions = NamedPhotoOptions()
+    recording: PosedBagOptions = PosedBagOptions()
     points: PointsOptions = PointsOptions()
     measured: TargetPoseOptions = TargetPoseOptions()
     known: KnownCameraOptions = KnownCameraOptions()
@@ -67,6 +72,9 @@ def reads(request: Request) -> list[str]:
     """Every file that is named, and the photos that patterns stand for."""
     if request.pair.asked:
         return [str(f) for f in pair_doctor.pictures(_pair_request(request, SILENT)).inputs]
+    if request.recording.bag is not None:
+        files = [*bag_files(request.recording.bag), *request.arm.files]
+        return [*files, *([] if request.known.camera is None else [str(request.known.camera)])]
     return hand_eye_list.named_files(_list_request(request, SILENT))
 
 
@@ -83,13 +91,17 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
         raise InputError("--repaired-poses goes with --apply: without it nothing is repaired")
     if request.pair.asked:
         return pair_doctor.run(_pair_request(request, listener))
-    if not request.poses:
-        raise InputError("--poses is missing: name the robot poses, or --left and --right, the pictures of two cameras")
-    asked = _list_request(request, listener)
+    if not request.poses and request.recording.bag is None:
+        raise InputError(
+            "--poses is missing: name the robot poses, a recording that has them (--bag), or --left and --right, the "
+            "pictures of two cameras"
+        )
+    asked, said = _with_bag(request, _list_request(request, listener))
     data = hand_eye_list.read(asked)
     with listener.status("Examining the data …"):
         diagnosis = hand_eye_list.diagnose(data, asked)
-    found = stamp(replace(as_result(diagnosis), inputs=session.file_records(data.files)))
+    seen_by = as_result(diagnosis)
+    found = stamp(replace(seen_by, checks=(*said, *seen_by.checks), inputs=session.file_records(data.files)))
     if not request.apply:
         return Outcome(result=found, then=_then(diagnosis), refusal=_refusal(diagnosis))
     seen = look(found)
@@ -105,10 +117,28 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     return Outcome(result=result, documents=documents, summary=lambda: (seen, "", result), page=partial(_page, seen))
 
 
+def _with_bag(request: Request, asked: ListRequest) -> tuple[ListRequest, tuple[Check, ...]]:
+    """The list with the bag's pictures for photos and its poses, and what the bag says of its moments and clocks."""
+    recording = request.recording
+    points = request.points.observations is not None or bool(request.measured.target_poses)
+    require_one_source(recording, images=request.photos.images, poses=request.poses, points=points)
+    if recording.bag is None:
+        return asked, ()
+    camera = None
+    if request.known.camera is not None:
+        (given,) = cameras_of_bag(recording.bag, (str(request.known.camera),))
+        camera = Path(given)
+    cameras = {} if camera is None else {ONLY: camera}
+    bag = read_bag(recording, asked, request.photos.target, cameras, request.setup)
+    poses = poses_named(recording, ())
+    return replace(asked, images=bag.images, poses=poses, recorded=bag.raw, camera=camera), bag.checks
+
+
 def _pair_request(request: Request, listener: Listener) -> pair_doctor.PairRequest:
     """Raises: InputError for options that are of hand-eye data alone."""
     given = {
         "--poses": request.poses,
+        "--bag": request.recording.bag,
         "--images": request.photos.images,
         "--observations": request.points.observations,
         "--target-poses": request.measured.target_poses,

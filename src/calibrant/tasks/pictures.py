@@ -24,6 +24,15 @@ def size_of(text: str) -> tuple[int, int]:
     return size
 
 
+def size_or_width(text: str, like: tuple[int, int]) -> tuple[int, int]:
+    """Width and height of WxH, or of a width alone: then as high as pictures of size `like` are. Raises: InputError."""
+    found = re.fullmatch(r"(\d+)(?:\s*px)?", text.strip())
+    if found is None:
+        return size_of(text)
+    width = int(found[1])
+    return size_of(f"{width}x{round(width * like[1] / like[0])}")
+
+
 def picture_name(file: Path) -> str:
     """Name of the picture: the photo's; of a video's frame, both names; PNG where OpenCV does not write the format."""
     from calibrant.detection.images.files import frame_of

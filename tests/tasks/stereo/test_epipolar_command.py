@@ -46,6 +46,7 @@ def test_the_relative_pose_from_features(calibrant, pair: Path, tmp_path: Path) 
     assert deg < 0.5
     assert max(found["transforms"][0]["sigma_translation_mm"]) < 4
     assert cv2.imread(str(tmp_path / "lines.png")).shape == (240, 640, 3)
+    assert "Essential matrix E" in calibrant("epipolar", *sides, *known).out
     assert "1000 mm" not in calibrant("epipolar", *sides, *known).out
     assert "put down as 1000 mm" in " ".join(calibrant("epipolar", *sides, *known[:3]).out.split())
 
@@ -55,6 +56,7 @@ def test_pictures_alone_and_against_a_calibration(calibrant, pair: Path, tmp_pat
     alone = calibrant("epipolar", *sides, "--drawing", tmp_path / "a.png", "--json")
     assert alone.status == 0, alone.err
     assert len(json.loads(alone.out)["details"]["epipolar_matrices"]["F"]) == 3
+    assert "Fundamental matrix F" in calibrant("epipolar", *sides).out
     holds = calibrant("epipolar", *sides, "--stereo", pair / "stereo.json", "--drawing", tmp_path / "b.png")
     assert holds.status == 0, holds.err
     assert "GOOD" in holds.out

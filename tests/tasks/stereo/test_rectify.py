@@ -84,6 +84,11 @@ def test_cylinders_are_written_too(calibrant, pair: Path, tmp_path: Path) -> Non
     assert "cylinder" in done.out
 
 
+def test_a_width_alone_keeps_the_shape_of_the_pictures(calibrant, pair: Path, tmp_path: Path) -> None:
+    done = calibrant("rectify", pair / "stereo.json", "--maps", tmp_path / "m.npz", "--size", "240", "--json")
+    assert json.loads(done.out)["cameras"]["left"]["image_size"] == [240, 180]
+
+
 def test_exchanged_sides_are_named(calibrant, pair: Path, tmp_path: Path) -> None:
     sides = ["--left", pair / "right", "--right", pair / "left"]
     done = calibrant("rectify", pair / "stereo.json", *sides, "--rows", tmp_path / "r", "--target", TARGET)
@@ -147,7 +152,7 @@ def test_pictures_of_another_size_are_refused_by_name_and_side(calibrant, pair: 
         (["--maps", "m.txt"], "the name says the format"),
         (["--maps", "{out}.npz", "--cameras", "left"], "the names of two cameras"),
         (["--maps", "{out}.npz", "--alpha", "3"], "alpha is 3"),
-        (["--maps", "{out}.npz", "--size", "9"], "--size takes WIDTHxHEIGHT"),
+        (["--maps", "{out}.npz", "--size", "9x"], "--size takes WIDTHxHEIGHT"),
     ],
 )
 def test_bad_input_is_named(calibrant, pair: Path, tmp_path: Path, more: list[str], words: str) -> None:

@@ -68,9 +68,12 @@ def check_size(capture: Capture, decoded: Decoded, *, bend: float = 0.0) -> None
                     f"are wrong by it ({share:.0%} beyond the projector's {side} px along {axis}): the camera or the "
                     "projector does not answer in proportion; turn off its gamma and contrast curves"
                 )
+            turned = ""
+            if capture.sequence.bits("x") == capture.sequence.bits("y"):
+                turned = ", or the patterns that number rows and those that number columns came in the other order"
             raise InputError(
                 f"{capture.name}: {share:.0%} of what is lit has pixel numbers of {side} or more along {axis}, and "
-                f"--projector-size says {side} px {word}: the patterns were made for another size"
+                f"--projector-size says {side} px {word}: the patterns were made for another size{turned}"
             )
 
 

@@ -20,7 +20,8 @@ from calibrant.detection.structured_light.capture import Capture, Grey, Picture
 from calibrant.detection.structured_light.light import cosine_sums
 from calibrant.detection.structured_light.tone import ENOUGH_DIM, adds_up, curved_words, dim, saturated_words
 from calibrant.errors import InputError
-from calibrant.patterns.sequence import BLACK, WHITE, PatternSequence, sizes_of_count
+from calibrant.opencv import cv2
+from calibrant.patterns.sequence import PatternSequence, sizes_of_count
 
 LIT = 0.25
 """Of the brightest pixels' light: what is lit at all."""
@@ -56,13 +57,9 @@ def check_count(name: str, files: Sequence[str], sequence: PatternSequence, pict
 
 def check_order(capture: Capture) -> Capture:
     """The capture, white and black put last where they came first. Raises: InputError naming what is out of place."""
+    _check_light(capture)
     capture = _white_and_black(capture)
     lit = _light(capture.pictures)[2]
-    if not lit.any():
-        raise InputError(
-            f"{capture.name}: {capture.called(capture.place(WHITE))} is hardly brighter than "
-            f"{capture.called(capture.place(BLACK))}: the projector's light does not reach what the camera sees"
-        )
     same = _doubled([capture.called(k) for k in range(len(capture.names))], capture.pictures)
     if same:
         raise InputError(f"{capture.name}: {same}")
@@ -72,6 +69,18 @@ def check_order(capture: Capture) -> Capture:
         for axis in "xy":
             check_bits(capture, axis, lit)
     return capture
+
+
+def _check_light(capture: Capture) -> None:
+    """Raises: InputError where nothing is lit: neighbours together are hardly brighter in any picture than in another.
+    Single pixels are so by noise."""
+    small = np.array([cv2.resize(p, None, fx=1 / 8, fy=1 / 8, interpolation=cv2.INTER_AREA) for p in capture.pictures])
+    most = int(np.ptp(small, axis=0).max())
+    if most <= LEAST_LIGHT:
+        raise InputError(
+            f"{capture.name}: between all {len(small)} pictures nothing changes by more than {most} of 255 grey levels"
+            ": the projector's light does not reach what the camera sees, or the exposure is too short"
+        )
 
 
 def _gap(files: Sequence[str]) -> str:

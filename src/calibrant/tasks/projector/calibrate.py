@@ -112,7 +112,7 @@ def _camera(request: Request, folder: Path) -> Camera:
     from calibrant.formats.cameras.read import read_camera
 
     height, width = load_grey(files_of(folder)[0]).shape
-    return read_camera(request.camera or Path(), image_size=(width, height))
+    return read_camera(request.camera or Path(), image_size=(width, height), name=CAMERA)
 
 
 def _boards(request: Request, folders: list[Path], listener: Listener) -> tuple[list[LitBoard], list[Missed]]:
@@ -125,9 +125,11 @@ def _boards(request: Request, folders: list[Path], listener: Listener) -> tuple[
     names = distinct_names(folders)
     boards: list[LitBoard] = []
     missed: list[Missed] = []
+    sizes: dict[str, tuple[int, int]] = {}
     with listener.progress("Decoding captures") as step:
         for k, folder in enumerate(folders):
             capture = read_captured(names[folder], folder, sequence, mirror_x=request.mirror_x)
+            _check_size(capture, sizes)
             seen = _seen(request, capture)
             if isinstance(seen, Missed):
                 missed.append(seen)
@@ -136,6 +138,17 @@ def _boards(request: Request, folders: list[Path], listener: Listener) -> tuple[
             step(k + 1, len(folders), names[folder])
     check_upright(boards)
     return boards, missed
+
+
+def _check_size(capture: Capture, sizes: dict[str, tuple[int, int]]) -> None:
+    """Raises: InputError where captures are of several sizes. sizes: (height, width) by capture, this one's added."""
+    sizes[capture.name] = height, width = capture.white.shape
+    name, (h, w) = next(iter(sizes.items()))
+    if (height, width) != (h, w):
+        raise InputError(
+            f"{capture.name} has pictures of {width}x{height} px, {name} of {w}x{h} px: one camera takes one size; "
+            "calibrate those of each size apart (--exclude leaves captures out)"
+        )
 
 
 def _seen(request: Request, capture: Capture) -> View | Missed:

@@ -30,6 +30,8 @@ EXAMPLE = 'cb.scan("projector.json", capture="scene", cloud="scene.ply")'
 AUTO = "auto"
 MOST_ACROSS = 2.0
 """Of sigma: what is left across the epipolar lines is noise, and twice that is another calibration."""
+NO_SIGMA = 10.0
+"""Of sigma: what is off by ten times as much is of another geometry, and a sigma that small says nothing of it."""
 FEW = 0.02
 """Part of the camera's picture."""
 
@@ -176,6 +178,9 @@ def _across_check(found: Scan) -> Check:
     if found.across <= MOST_ACROSS:
         return Check("epipolar", "ok", text, found.across)
     cure = "camera or projector moved, or was focused, since they were calibrated; or something moved in the capture"
+    if found.across > NO_SIGMA:
+        cure = f"no depth is known as its sigma says: {cure}; or one of them mirrors its picture (--mirror-x)"
+        return Check("epipolar", "fail", f"{text}: {cure}", found.across)
     return Check("epipolar", "warn", f"{text}: {cure}", found.across)
 
 

@@ -17,7 +17,7 @@ from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.option import Option
 from calibrant.tasks.options.words import pixels, split_names
 from calibrant.tasks.outcome import Document, Outcome, result_document
-from calibrant.tasks.pictures import check_maps, encoded, maps_bytes, picture_name, size_of
+from calibrant.tasks.pictures import check_maps, encoded, maps_bytes, picture_name, size_or_width
 from calibrant.tasks.stereo.pairs import common_points, corners_of, paired
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class RectifiedOptions:
     alpha: Annotated[float, Option("0..1")] = 0.0
     """0: no pixel without a source; 1: every source pixel is shown."""
     size: Annotated[str | None, Option("WxH")] = None
-    """Size of the rectified pictures, e.g. 1280x960; the left camera's without it."""
+    """Size of the rectified pictures, e.g. 1280x960, or their width alone, 1280; the left camera's without it."""
     focal: Annotated[str | None, Option("PX")] = None
     """Their focal length, e.g. 800px, in place of the one that alpha chooses."""
     projection: Annotated[str, Option("pinhole|cylinder", choices=("pinhole", "cylinder"))] = "pinhole"
@@ -60,10 +60,11 @@ class RectifiedOptions:
         names = None if self.cameras is None else split_names([self.cameras])
         if names is not None and len(names) != 2:
             raise InputError(f"--cameras takes the names of two cameras, left,right; got {self.cameras!r}")
+        eyes = eyes_of(result, names)
         return rectification(
-            eyes_of(result, names),
+            eyes,
             alpha=self.alpha,
-            image_size=None if self.size is None else size_of(self.size),
+            image_size=None if self.size is None else size_or_width(self.size, eyes.cameras[0].image_size),
             projection=self.projection,  # type: ignore[arg-type]
             principal=self.principal,  # type: ignore[arg-type]
             focal_px=pixels(self.focal, option="--focal"),

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from calibrant.data import CalibrationResult
+from calibrant.data.details import EpipolarMatrices
+from calibrant.reports.parts.blocks import Column, TextTable
 from calibrant.reports.parts.figures import Fact
 from calibrant.reports.parts.kind import Kind
 from calibrant.reports.parts.numbers import plain, sigma_text
@@ -23,4 +25,21 @@ def _headline(result: CalibrationResult) -> list[Fact]:
     return out
 
 
-KIND = Kind("Epipolar geometry", _headline, facts=_headline, said=("matches",))
+def _tables(result: CalibrationResult) -> list[TextTable]:
+    """F and E, as they were found."""
+    found = result.detail(EpipolarMatrices)
+    if found is None:
+        return []
+    return [
+        TextTable(
+            title, tuple(Column(c, True) for c in columns), tuple(tuple(f"{v: .9e}" for v in row) for row in M), note
+        )
+        for title, columns, M, note in (
+            ("Fundamental matrix F", "uv1", found.F, "u_right' F u_left = 0 for pixels (u, v, 1) as they are; norm 1."),
+            ("Essential matrix E", "xyz", found.E, "r_right' E r_left = 0 for rays (x, y, z) of the cameras; norm 1."),
+        )
+        if M is not None
+    ]
+
+
+KIND = Kind("Epipolar geometry", _headline, facts=_headline, tables=_tables, said=("matches",))

@@ -31,7 +31,6 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
-from calibrant.formats.poses.measurements import read_measurements
 
 from calibrant.cameras import Camera
 from calibrant.cameras.approximation.nearest import in_words_of
@@ -46,6 +45,7 @@ from calibrant.formats.cameras.read import read_camera
 from calibrant.formats.exchange.exchange_format import ReadOptions, WriteOptions, read_cameras
 from calibrant.formats.exchange.read import read_any
 from calibrant.formats.exchange.registry import FORMATS, format_named
+from calibrant.formats.measurements.read import read_measurements
 from calibrant.formats.points_yaml import read_own_points
 from calibrant.formats.poses.notations import notations
 from calibrant.formats.poses.read import read_poses

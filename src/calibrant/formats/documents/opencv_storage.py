@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.errors import InputError
+from calibrant.formats.documents.number_text import digits
 from calibrant.reading.json_text import DEEPEST, TOO_DEEP, parse_json
 from calibrant.targets.yaml_file import parse_documents
 
@@ -151,12 +152,11 @@ def _yaml_matrix(key: str, matrix: NDArray) -> list[str]:
 
 
 def _number_text(value: float | int) -> str:
-    """A double as FileStorage writes it: 17 digits, and a point, which YAML 1.1 wants in every float."""
+    """A double as FileStorage writes it, which leaves out a zero behind the point."""
     if isinstance(value, int):
         return str(value)
-    mantissa, e, exponent = repr(value).partition("e")
-    mantissa = mantissa if "." in mantissa else mantissa + "."
-    return (mantissa[:-1] if mantissa.endswith(".0") else mantissa) + (f"e{int(exponent):+03d}" if e else "")
+    mantissa, e, exponent = digits(value).partition("e")
+    return (mantissa[:-1] if mantissa.endswith(".0") else mantissa) + e + exponent
 
 
 def _json_object(data: dict[str, Any]) -> Any:

@@ -51,8 +51,3 @@ def rotation_of_quaternion(xyzw: Array, where: str) -> Array:
 def pose_of(position: Array, xyzw: Array, where: str) -> Array:
     """T (4, 4), metres, of a position and a quaternion. Raises: as `rotation_of_quaternion`."""
     return se3.make(rotation_of_quaternion(xyzw, where), position)
-
-
-def text_of(values: Iterable[float]) -> list[str]:
-    """Numbers with all their digits, none of them a zero below zero."""
-    return [repr(float(v) + 0.0) for v in values]

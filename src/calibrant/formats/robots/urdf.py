@@ -16,6 +16,7 @@ import numpy as np
 
 from calibrant.arrays import Array
 from calibrant.errors import InputError
+from calibrant.formats.documents.number_text import row_of
 from calibrant.formats.robots.urdf_tree import UrdfJoint, check_tree, listed, only_leaf, only_root, unused
 from calibrant.geometry import rotations, se3
 from calibrant.robots.chain import Joint, KinematicChain
@@ -122,7 +123,7 @@ def new_urdf(chain: KinematicChain, *, name: str = "robot") -> str:
         endless = not (np.isfinite(joint.lower) and np.isfinite(joint.upper))
         kind = "continuous" if endless and mover.kind == "revolute" else mover.kind
         element = _add_joint(root, joint.name, kind, names[k], names[k + 1], links.links[k])
-        ET.SubElement(element, "axis", xyz=_numbers(np.asarray(mover.axis)))
+        ET.SubElement(element, "axis", xyz=row_of(np.asarray(mover.axis)))
         if not endless:
             limits = {"lower": repr(joint.lower), "upper": repr(joint.upper), "effort": "0", "velocity": "0"}
             ET.SubElement(element, "limit", limits)
@@ -193,12 +194,8 @@ def _set_origin(element: ET.Element, T: Array) -> None:
         element.insert(0, origin)
     origin.attrib.clear()
     rpy = rotations.euler_from_matrix(T[:3, :3], order="xyz", unit="rad")
-    origin.set("xyz", _numbers(T[:3, 3]))
-    origin.set("rpy", _numbers(rpy))
-
-
-def _numbers(values: Array) -> str:
-    return " ".join(repr(float(v) + 0.0) for v in values)
+    origin.set("xyz", row_of(T[:3, 3]))
+    origin.set("rpy", row_of(rpy))
 
 
 def _chain(path: Sequence[UrdfJoint], joints: Sequence[UrdfJoint], root: ET.Element, source: str) -> LinkChain:

@@ -25,9 +25,10 @@ from calibrant.data.results import TransformEstimate, as_transform
 from calibrant.errors import InputError
 from calibrant.formats.cameras.camera_format import size_or_refuse, whole_size
 from calibrant.formats.documents.document import Document
+from calibrant.formats.documents.number_text import text_of
 from calibrant.formats.exchange.exchange_format import ExchangeFormat, ReadOptions, Size, WriteOptions, read_cameras
 from calibrant.formats.exchange.places import places_in, world_of
-from calibrant.formats.exchange.rotation_numbers import finite, text_of
+from calibrant.formats.exchange.rotation_numbers import finite
 from calibrant.formats.scenes.looking import TURNED, focal_of, pinhole, shift_of
 from calibrant.formats.scenes.mjcf_orientation import Angles, angles_of, place_of
 from calibrant.formats.transforms.one import ASKS, the_transform

@@ -28,9 +28,10 @@ from calibrant.data import CalibrationResult
 from calibrant.errors import InputError
 from calibrant.formats.cameras.camera_format import size_or_refuse, whole_size
 from calibrant.formats.documents.document import Document
+from calibrant.formats.documents.number_text import text_of
 from calibrant.formats.exchange.exchange_format import ExchangeFormat, ReadOptions, Size, WriteOptions, answer
 from calibrant.formats.exchange.places import places_in, world_of
-from calibrant.formats.exchange.rotation_numbers import finite, text_of
+from calibrant.formats.exchange.rotation_numbers import finite
 from calibrant.formats.scenes.entries import placed_cameras, rigid
 from calibrant.formats.scenes.looking import TURNED, pinhole, shift_of
 from calibrant.reading.notes import note

@@ -15,8 +15,8 @@ from collections.abc import Iterator
 from calibrant.data import CalibrationResult
 from calibrant.errors import InputError
 from calibrant.formats.documents.document import Document
+from calibrant.formats.documents.number_text import text_of
 from calibrant.formats.exchange.exchange_format import ExchangeFormat, ReadOptions, WriteOptions, answer
-from calibrant.formats.exchange.rotation_numbers import text_of
 from calibrant.formats.transforms.command_lines import PUBLISHER_ASKS, ROTATIONS
 from calibrant.formats.transforms.one import ASKS, Placed, as_result, placed
 from calibrant.formats.transforms.publisher import PROGRAM, placed_of, ros2_words

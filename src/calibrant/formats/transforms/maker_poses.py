@@ -13,8 +13,8 @@ import numpy as np
 
 from calibrant.arrays import Array
 from calibrant.data import CalibrationResult
+from calibrant.formats.documents.number_text import text_of
 from calibrant.formats.exchange.exchange_format import ExchangeFormat, WriteOptions
-from calibrant.formats.exchange.rotation_numbers import text_of
 from calibrant.formats.poses.makers import FORMATS as MAKERS
 from calibrant.formats.poses.makers import RobotFormat
 from calibrant.formats.transforms.one import the_transform

@@ -16,7 +16,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibrant.errors import InputError
-from calibrant.formats.exchange.rotation_numbers import finite, pose_of, text_of
+from calibrant.formats.documents.number_text import text_of
+from calibrant.formats.exchange.rotation_numbers import finite, pose_of
 from calibrant.formats.transforms.one import Placed
 from calibrant.geometry import rotations, se3
 

@@ -14,8 +14,9 @@ from calibrant.arrays import Array
 from calibrant.data import CalibrationResult
 from calibrant.errors import InputError
 from calibrant.formats.documents.document import Document
+from calibrant.formats.documents.number_text import text_of
 from calibrant.formats.exchange.exchange_format import ExchangeFormat, ReadOptions, WriteOptions
-from calibrant.formats.exchange.rotation_numbers import finite, text_of
+from calibrant.formats.exchange.rotation_numbers import finite
 from calibrant.formats.transforms.one import ASKS, Placed, as_result, placed
 from calibrant.formats.transforms.xacro import NAMESPACE, evaluated, within
 from calibrant.geometry import rotations, se3

@@ -20,11 +20,12 @@ from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, TransformEstimate, as_transform
 from calibrant.errors import InputError
-from calibrant.formats.cameras.calibrators.rigid import digits, finite, from_vector, quoted
+from calibrant.formats.cameras.calibrators.rigid import finite, from_vector, quoted
 from calibrant.formats.cameras.camera_format import Size, whole_size
 from calibrant.formats.cameras.described import described_camera
 from calibrant.formats.cameras.opencv import distortion_coefficients
 from calibrant.formats.documents.document import Document
+from calibrant.formats.documents.number_text import digits
 from calibrant.formats.exchange.exchange_format import ExchangeFormat, ReadOptions, WriteOptions, read_cameras
 from calibrant.formats.exchange.places import places_in, world_of
 from calibrant.geometry import se3, so3

@@ -25,10 +25,11 @@ from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, TransformEstimate, as_transform
 from calibrant.errors import InputError
 from calibrant.formats.cameras.calibrators.polynomial import polynomial_camera
-from calibrant.formats.cameras.calibrators.rigid import digits, finite, from_matrix, from_quaternion, quoted
+from calibrant.formats.cameras.calibrators.rigid import finite, from_matrix, from_quaternion, quoted
 from calibrant.formats.cameras.camera_format import placed_camera, single, whole_size
 from calibrant.formats.cameras.foreign_lens import ASKS
 from calibrant.formats.documents.document import Document
+from calibrant.formats.documents.number_text import digits
 from calibrant.formats.exchange.exchange_format import (
     ExchangeFormat,
     ReadOptions,

@@ -25,10 +25,11 @@ import numpy as np
 from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.errors import InputError
-from calibrant.formats.cameras.calibrators.rigid import digits, finite
+from calibrant.formats.cameras.calibrators.rigid import finite
 from calibrant.formats.cameras.camera_format import Size, placed_camera, whole_size
 from calibrant.formats.cameras.fields import spelled
 from calibrant.formats.cameras.foreign_lens import nearest_by_rays
+from calibrant.formats.documents.number_text import digits
 
 MODELS = ("pinhole", "brown", "kannala_brandt", "unified", "extended_unified", "double_sphere")
 LACKS: Mapping[str, tuple[str, ...]] = {"brown": ("k3",), "unified": ("skew",)}

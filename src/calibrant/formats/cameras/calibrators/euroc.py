@@ -19,9 +19,10 @@ from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, TransformEstimate, as_transform
 from calibrant.errors import InputError
 from calibrant.formats.cameras.calibrators.chain import LACKS, MODELS, camera_words, chain_camera
-from calibrant.formats.cameras.calibrators.rigid import digits, from_matrix, quoted
+from calibrant.formats.cameras.calibrators.rigid import from_matrix, quoted
 from calibrant.formats.cameras.foreign_lens import ASKS
 from calibrant.formats.documents.document import Document
+from calibrant.formats.documents.number_text import digits
 from calibrant.formats.exchange.exchange_format import (
     ExchangeFormat,
     ReadOptions,

@@ -28,9 +28,10 @@ from calibrant.formats.cameras.calibrators.chain import (
     chain_camera,
     is_chain_camera,
 )
-from calibrant.formats.cameras.calibrators.rigid import digits, finite, from_matrix, quoted, rows_text
+from calibrant.formats.cameras.calibrators.rigid import finite, from_matrix, quoted, rows_text
 from calibrant.formats.cameras.foreign_lens import ASKS
 from calibrant.formats.documents.document import Document
+from calibrant.formats.documents.number_text import digits
 from calibrant.formats.exchange.exchange_format import (
     ExchangeFormat,
     ReadOptions,

@@ -31,6 +31,7 @@ from calibrant.errors import InputError
 from calibrant.formats.cameras.calibrators.rigid import finite, from_vector, quoted
 from calibrant.formats.cameras.camera_format import Size, placed_camera, size_or_refuse, whole_size
 from calibrant.formats.documents.document import Document
+from calibrant.formats.documents.number_text import text_of
 from calibrant.formats.exchange.exchange_format import (
     ExchangeFormat,
     ReadOptions,
@@ -192,7 +193,7 @@ def _words(camera: Camera) -> tuple[str, Array]:
 
 
 def _numbers(values: Array) -> str:
-    return "".join(f"{float(v)!r}, " for v in values)
+    return "".join(f"{text}, " for text in text_of(values))
 
 
 FORMAT = ExchangeFormat(

@@ -20,6 +20,7 @@ from calibrant.formats.cameras.calibrators.polynomial import polynomial_camera, 
 from calibrant.formats.cameras.camera_format import whole_size
 from calibrant.formats.cameras.foreign_lens import ASKS
 from calibrant.formats.documents.document import Document
+from calibrant.formats.documents.number_text import text_of
 from calibrant.formats.exchange.exchange_format import (
     ExchangeFormat,
     ReadOptions,
@@ -27,7 +28,6 @@ from calibrant.formats.exchange.exchange_format import (
     one_camera,
     read_cameras,
 )
-from calibrant.formats.exchange.rotation_numbers import text_of
 from calibrant.reading.notes import note
 
 _MOST = 20_000

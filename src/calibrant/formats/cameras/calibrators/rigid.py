@@ -10,6 +10,7 @@ import numpy as np
 from calibrant.arrays import Array
 from calibrant.errors import InputError
 from calibrant.formats.cameras.camera_format import numbers
+from calibrant.formats.documents.number_text import digits
 from calibrant.formats.exchange.rotation_numbers import ROUNDED, rotation_in
 from calibrant.geometry import se3, so3
 
@@ -74,9 +75,3 @@ def quoted(text: str) -> str:
 def rows_text(T: Array, indent: str) -> str:
     """A matrix as YAML, one row a line, all digits."""
     return "\n".join(f"{indent}- [{', '.join(map(digits, row))}]" for row in T)
-
-
-def digits(value: float) -> str:
-    """A double with all its digits and a point, which YAML 1.1 wants in every float; no zero below zero."""
-    mantissa, e, exponent = repr(float(value) + 0.0).partition("e")
-    return (mantissa if "." in mantissa else f"{mantissa}.0") + (f"e{int(exponent):+03d}" if e else "")

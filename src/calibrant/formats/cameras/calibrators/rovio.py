@@ -20,12 +20,13 @@ from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, as_transform
 from calibrant.errors import InputError
 from calibrant.formats.cameras.calibrators.chain import fov_camera
-from calibrant.formats.cameras.calibrators.rigid import digits, from_quaternion, quoted
+from calibrant.formats.cameras.calibrators.rigid import from_quaternion, quoted
 from calibrant.formats.cameras.camera_format import matrix_parameters, numbers, whole_size
 from calibrant.formats.cameras.described import described_camera
 from calibrant.formats.cameras.fields import Fields
 from calibrant.formats.cameras.foreign_lens import ASKS
 from calibrant.formats.documents.document import Document
+from calibrant.formats.documents.number_text import digits
 from calibrant.formats.exchange.exchange_format import (
     ExchangeFormat,
     ReadOptions,

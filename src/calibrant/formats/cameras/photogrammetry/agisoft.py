@@ -24,6 +24,7 @@ from calibrant.formats.cameras.camera_format import Size, placed_camera, whole_s
 from calibrant.formats.cameras.foreign_lens import ASKS, nearest_by_projection
 from calibrant.formats.cameras.photogrammetry.pictures import Picture, pictures_of, result_of, unit_of
 from calibrant.formats.documents.document import Document
+from calibrant.formats.documents.number_text import row_of
 from calibrant.formats.exchange.exchange_format import ExchangeFormat, ReadOptions, WriteOptions
 from calibrant.formats.exchange.rotation_numbers import ROUNDED
 from calibrant.geometry import se3
@@ -262,16 +263,12 @@ def _write(result: CalibrationResult, options: WriteOptions) -> bytes:
     cameras = ElementTree.SubElement(chunk, "cameras", next_id=str(len(pictures)))
     for i, p in enumerate(pictures):
         at = ElementTree.SubElement(cameras, "camera", id=str(i), sensor_id=number[p.camera], label=p.name)
-        ElementTree.SubElement(at, "transform").text = _row(se3.inverse(p.T_camera_world))
+        ElementTree.SubElement(at, "transform").text = row_of(se3.inverse(p.T_camera_world).ravel())
     world = ElementTree.SubElement(chunk, "transform")
     for tag, values in (("rotation", np.eye(3)), ("translation", np.zeros(3)), ("scale", np.ones(1))):
-        ElementTree.SubElement(world, tag).text = _row(values)
+        ElementTree.SubElement(world, tag).text = row_of(values.ravel())
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
-
-
-def _row(values: Array) -> str:
-    return " ".join(repr(float(v)) for v in np.ravel(values))
 
 
 def _sensor(sensors: Element, number: str, name: str, camera: Camera) -> None:
@@ -292,7 +289,7 @@ def _sensor(sensors: Element, number: str, name: str, camera: Camera) -> None:
         **({"p1": p["p2"], "p2": p["p1"]} if "p1" in p else {}),
     }
     for tag, value in values.items():
-        ElementTree.SubElement(calibration, tag).text = repr(float(value))
+        ElementTree.SubElement(calibration, tag).text = row_of((value,))
 
 
 FORMAT = ExchangeFormat(

@@ -19,6 +19,7 @@ from calibrant.errors import InputError
 from calibrant.formats.cameras.camera_format import placed_camera, size_or_refuse
 from calibrant.formats.cameras.photogrammetry.pictures import FLIP, Picture, pictures_of, result_of, unit_of
 from calibrant.formats.documents.document import Document
+from calibrant.formats.documents.number_text import row_of
 from calibrant.formats.exchange.exchange_format import ExchangeFormat, ReadOptions, Size, WriteOptions
 from calibrant.formats.exchange.rotation_numbers import ROUNDED
 from calibrant.geometry import se3
@@ -116,7 +117,7 @@ def _write(result: CalibrationResult, options: WriteOptions) -> bytes:
     for picture in pictures:
         T = FLIP @ picture.T_camera_world
         rows = (lens[picture.camera], *T[:3, :3], T[:3, 3] / (options.unit_m or 1.0))
-        lines += [" ".join(repr(float(v)) for v in row) for row in rows]
+        lines += [row_of(row) for row in rows]
     note(f"a bundle has no names for pictures: they are {', '.join(p.name for p in pictures[:8])}, … in this order")
     return ("\n".join(lines) + "\n").encode()
 

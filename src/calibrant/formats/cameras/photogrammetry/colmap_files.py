@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from calibrant.errors import InputError
 from calibrant.formats.cameras.photogrammetry.colmap_models import BY_NUMBER, Model
+from calibrant.formats.documents.number_text import row_of
 
 _LONGEST_NAME = 4096
 
@@ -206,14 +207,14 @@ def texts(
 ) -> dict[str, bytes]:
     """cameras.txt, images.txt and points3D.txt."""
     first = ["# Camera list with one line of data per camera:", "#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
-    first += [f"{n} {model.name} {w} {h} {_numbers(values)}" for n, model, w, h, values in cameras]
+    first += [f"{n} {model.name} {w} {h} {row_of(values)}" for n, model, w, h, values in cameras]
     second = [
         "# Image list with two lines of data per image:",
         "#   IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME",
         "#   POINTS2D[] as (X, Y, POINT3D_ID)",
     ]
     for image in images:
-        second += [f"{image.number} {_numbers((*image.q, *image.t))} {image.camera} {image.name}", ""]
+        second += [f"{image.number} {row_of((*image.q, *image.t))} {image.camera} {image.name}", ""]
     third = ["# 3D point list with one line of data per point:"]
     names = ("cameras.txt", "images.txt", "points3D.txt")
     return {name: ("\n".join(lines) + "\n").encode() for name, lines in zip(names, (first, second, third))}
@@ -235,7 +236,3 @@ def binaries(
         "images.bin": b"".join(second),
         "points3D.bin": struct.pack("<Q", 0),
     }
-
-
-def _numbers(values: Sequence[float]) -> str:
-    return " ".join(repr(float(v)) for v in values)

@@ -25,6 +25,7 @@ from calibrant.data.result_file import write_text
 from calibrant.errors import InputError
 from calibrant.formats.cameras.camera_format import Size, numbers
 from calibrant.formats.cameras.described import described_camera
+from calibrant.formats.documents.number_text import row_of
 from calibrant.formats.exchange.rotation_numbers import rotation_in
 from calibrant.reading.notes import note
 
@@ -185,7 +186,7 @@ def ini_text(camera: Camera, *, name: str = "camera", rectified: Rectified | Non
     parts = {"camera matrix": camera.K, "distortion": np.array([terms]), "rectification": R, "projection": P}
     lines = ["[image]", "", "width", str(width), "", "height", str(height), "", f"[{name}]", ""]
     for key, rows in parts.items():
-        lines += [key, *(" ".join(repr(float(v)) for v in row) for row in rows), ""]
+        lines += [key, *(row_of(row) for row in rows), ""]
     return "\n".join(lines)
 
 

@@ -1,9 +1,11 @@
 """The robot's side of a hand-eye result: camera and target with their covariance, and how far a new pose may be off.
 
-The noise of a pose is what the calibration found, enlarged where the views that it kept out of its fit were farther off
-than that noise and the calibration's covariance together explain (each, radians and metres, per axis):
+The noise of a pose is what the calibration found, enlarged where its views are farther off than that noise and the
+corners' together explain: by the e^2 (of the turns, then of the places) with which the residuals r_i of n views,
+weighed by their own covariance S_i, are as large as they should be (Paule and Mandel 1982; camera and target take two
+views'):
 
-    extra^2 = (held-out rms^2 - predicted mean square) / 3
+    sum r_i^T (S_i + e^2 I)^-1 r_i = 3 (n - 2)
 
 Errors of a robot's geometry are smooth: photos taken near each other err alike. The correlation rho of neighbouring
 views of the calibration (lag 1, one sigma above what was found) says how much of the variance new photos may share.
@@ -23,6 +25,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 
 from calibrant.arrays import Array
 from calibrant.calibrate.cell.certainty.accuracy import geometry_field
@@ -133,22 +136,31 @@ def _with_errors(
         raise InputError("the result holds no noise of its robot")
     C = budget.covariance
     side = RobotSide(in_hand, budget.X, budget.Z, C, noise.robot_rotation, noise.robot_translation, 0.0)
-    views = [v for v in pictures.seen.views if v.moment in poses and len(v) >= 4]
+    used = {v.id for v in result.views if v.used}
+    views = [v for v in pictures.seen.views if v.moment in poses and len(v) >= 4 and v.id in used]
     A = np.stack([poses[v.moment] for v in views])
-    steps, of_all, of_pose, of_places = _loop(side, budget, views, A, noise.pixel)
-    held = result.held_out
-    rotation, translation = side.rotation, side.translation
-    if held is not None and held.deg is not None and held.mm is not None and len(result.cameras) == 1:
-        turned = np.mean(np.trace(of_all[:, :3, :3], axis1=1, axis2=2))
-        extra = max(np.deg2rad(held.deg) ** 2 - turned, 0.0) / 3
-        rotation = float(np.hypot(rotation, np.sqrt(extra)))
-        # A pose that is turned moves the target with it.
-        more = extra * np.mean(np.sum(of_pose[:, 3:, :3] ** 2, axis=(1, 2)))
-        moved = np.mean(np.trace(of_all[:, 3:, 3:], axis1=1, axis2=2)) + more
-        translation = float(np.hypot(translation, np.sqrt(max((1e-3 * held.mm) ** 2 - moved, 0.0) / 3)))
+    steps, of_all, of_pose, (of_places, own) = _loop(side, budget, views, A, noise.pixel)
     freedom = max(len(views) - 2.0, 1.0)
-    C, arm = _with_arm(result, pictures.robot, A, C, of_places, of_pose)
+    turned = _extra(steps[:, :3], own[:, :3, :3], freedom)
+    # A pose that is turned moves the target with it.
+    lever = of_pose[:, 3:, :3]
+    moved = _extra(steps[:, 3:], own[:, 3:, 3:] + turned * lever @ np.swapaxes(lever, -1, -2), freedom)
+    rotation, translation = float(np.hypot(side.rotation, turned**0.5)), float(np.hypot(side.translation, moved**0.5))
+    C, arm = _with_arm(result, pictures.robot, A, C, (of_places, own), of_pose)
     return RobotSide(in_hand, budget.X, budget.Z, C, rotation, translation, _alike(steps, of_all), freedom, arm)
+
+
+def _extra(steps: Array, own: Array, freedom: float) -> float:
+    """e^2 >= 0 beside covariances own (n, 3, 3) by which steps (n, 3) are as large as 3 `freedom` draws of a sigma."""
+    values, axes = np.linalg.eigh(own)
+    squares = np.square(np.einsum("nij,ni->nj", axes, steps))
+
+    def beyond(extra: float) -> float:
+        return float(np.sum(squares / (values + extra))) - 3 * freedom
+
+    if beyond(0.0) <= 0:
+        return 0.0
+    return float(brentq(beyond, 0.0, float(squares.sum()) / freedom))
 
 
 def _with_arm(

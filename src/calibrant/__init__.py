@@ -78,6 +78,8 @@ if TYPE_CHECKING:
     from calibrant.tasks.verbs import tool_touch as tool_touch
     from calibrant.tasks.verbs import undistort as undistort
     from calibrant.tasks.verbs import vanishing as vanishing
+    from calibrant.tasks.verbs import verify_pinpoint as verify_pinpoint
+    from calibrant.tasks.verbs import verify_touch as verify_touch
     from calibrant.tasks.verbs import verify_unchanged as verify_unchanged
     from calibrant.tasks.verbs import verify_watch as verify_watch
 
@@ -150,6 +152,8 @@ _PUBLIC = {
     "tool_self_visibility": ("calibrant.tasks.verbs", "tool_self_visibility"),
     "tool_touch": ("calibrant.tasks.verbs", "tool_touch"),
     "vanishing": ("calibrant.tasks.verbs", "vanishing"),
+    "verify_pinpoint": ("calibrant.tasks.verbs", "verify_pinpoint"),
+    "verify_touch": ("calibrant.tasks.verbs", "verify_touch"),
     "verify_unchanged": ("calibrant.tasks.verbs", "verify_unchanged"),
     "verify_watch": ("calibrant.tasks.verbs", "verify_watch"),
     "write_report": ("calibrant.reports.html", "write_report"),

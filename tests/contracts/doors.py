@@ -187,6 +187,17 @@ def _verify_unchanged(files: Files) -> Options:
     return {"result": files.camera, "images": [files.images / "00.png"], "target": TARGET}
 
 
+def _placed(files: Files) -> Options:
+    """A hand-eye result, and photos of the board at robot poses."""
+    known = files.folder / "hand-eye.json"
+    cb.hand_eye(images=files.images, poses=files.poses, target=TARGET, camera=files.camera).write(known)
+    return {"result": known, "images": [files.images], "poses": [files.poses], "target": TARGET, "tip": "0,0,120mm"}
+
+
+def _verify_touch(files: Files) -> Options:
+    return {**_placed(files), "touches": [files.poses]}
+
+
 def _verify_watch(files: Files) -> Options:
     """A camera and a board that stand still, by the first picture, which is the only one."""
     return {"result": files.camera, "images": [files.images / "00.png"], "target": TARGET}
@@ -242,6 +253,8 @@ CASES: Mapping[str, Callable[[Files], Options]] = {
     "compare": _compare,
     "verify unchanged": _verify_unchanged,
     "verify watch": _verify_watch,
+    "verify pinpoint": _placed,
+    "verify touch": _verify_touch,
 }
 """Options by command, as Python takes them: a line for every command that gives a result."""
 ANSWERS: Mapping[str, Options] = {

@@ -64,6 +64,8 @@ from calibrant.data.details import (
     SharedErrors,
     SharedMoments,
     StereoGeometry,
+    TaskRun,
+    TaskRuns,
     TouchedPoint,
     TriangulatedEdges,
     ViewDeviation,
@@ -165,6 +167,17 @@ def details() -> tuple[object, ...]:
         TriangulatedEdges(12, 1 / 3, -0.01, 25.0),
         SharedMoments(("left", "right"), ((12, 7), (7, 9))),
         Watching("moved", "push", 1e5, (WatchedPicture("0", 1 / 3), WatchedPicture("1", None, "no target")), "0", "1"),
+        TaskRuns(
+            "pinpoint",
+            "base",
+            (
+                TaskRun("0", True, 1 / 3, 0.5, True, 0, (0.1, 1 / 3, 0.0), (0.1, 0.1, 0.1)),
+                TaskRun("1", False, reason="no"),
+            ),
+            1.0,
+            "push",
+            {"half a side added": "9 of 10"},
+        ),
         Comparison("a.json", "b.json", (_compared(),), (_moved(),), ("left",), ("base → camera",)),
     )
 

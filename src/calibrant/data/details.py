@@ -22,6 +22,8 @@ from calibrant.data.details_stereo import StereoGeometry as StereoGeometry
 from calibrant.data.details_stereo import TriangulatedEdges as TriangulatedEdges
 from calibrant.data.records.verification import WatchedPicture as WatchedPicture
 from calibrant.data.records.verification import Watching as Watching
+from calibrant.data.records.verification_runs import TaskRun as TaskRun
+from calibrant.data.records.verification_runs import TaskRuns as TaskRuns
 
 Triple = tuple[float, float, float]
 
@@ -386,5 +388,6 @@ DETAILS: Mapping[str, type] = {
     "projector_captures": ProjectorCaptures,
     "comparison": Comparison,
     "watching": Watching,
+    "task_runs": TaskRuns,
 }
 """The key of each record in a result file."""

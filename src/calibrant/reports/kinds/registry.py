@@ -25,7 +25,7 @@ from calibrant.reports.kinds import (
     vanishing,
 )
 from calibrant.reports.kinds.eyes import depth, epipolar, pointing, projector, rectified, scan, stereo
-from calibrant.reports.kinds.verified import watch
+from calibrant.reports.kinds.verified import runs, watch
 from calibrant.reports.parts.kind import Kind
 from calibrant.reports.parts.phrases import first_transform, placed
 
@@ -49,6 +49,8 @@ KINDS: Mapping[str, Kind] = {
     "depth": depth.KIND,
     "unchanged": unchanged.KIND,
     "watch": watch.KIND,
+    "pinpoint": runs.PINPOINT,
+    "touch": runs.TOUCH,
     "observations": observations.KIND,
     "cameras": cameras.KIND,
     "comparison": comparison.KIND,

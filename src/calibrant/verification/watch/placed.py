@@ -63,7 +63,7 @@ def placed_views(
     out = []
     for pose, T, sigma in zip(found.views, expected, sigmas):
         nearest = _nearest(pose, T)
-        out.append(PlacedView(pose.view, nearest, _of_points(lens, pose.view, nearest, sigma)))
+        out.append(PlacedView(pose.view, nearest, points_covariance(lens, pose.view, nearest, sigma)))
     return tuple(out)
 
 
@@ -75,7 +75,7 @@ def _nearest(pose: ViewPose, expected: Array) -> Array:
     return (best if turns[0] <= turns[1] else other).T_camera_target
 
 
-def _of_points(camera: Camera, view: View, T: Array, sigma: Array) -> Array:
+def points_covariance(camera: Camera, view: View, T: Array, sigma: Array) -> Array:
     """Covariance (6, 6) of a pose by its points' noise sigma (n,), pixels."""
     rotated = view.points @ T[:3, :3].T
     _, J_point, _ = camera.model.project_with_jacobians(camera.values, rotated + T[:3, 3])

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibrant.arrays import Array
 from calibrant.cameras import Camera
@@ -33,9 +34,9 @@ class Picture:
     """
 
     name: str
-    colour: Array
+    colour: NDArray[np.uint8]
     time_s: float
-    depth: Array | None = None
+    depth: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         if self.colour.ndim != 3 or self.colour.shape[2] != 3 or self.colour.dtype != np.uint8:

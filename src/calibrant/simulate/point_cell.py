@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from math import inf
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibrant.arrays import Array
 from calibrant.cameras import Camera
@@ -137,7 +138,7 @@ class PointCamera:
     name: str = "wrist"
     seen: dict[str, Array | None] = field(default_factory=dict)
     stated: DeviceCalibration = field(default_factory=DeviceCalibration)
-    dark: Array = field(init=False)
+    dark: NDArray[np.uint8] = field(init=False)
 
     def __post_init__(self) -> None:
         width, height = self.camera.image_size

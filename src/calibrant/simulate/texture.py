@@ -44,16 +44,16 @@ class Texture:
     clearance: NDArray[np.float32]
 
 
-@lru_cache(maxsize=4)
-def rasterise(artwork: Artwork) -> Texture:
-    """Draw an artwork.
+@lru_cache(maxsize=8)
+def rasterise(artwork: Artwork, texels: int = _TEXELS) -> Texture:
+    """Draw an artwork, `texels` along its longer side.
 
     Raises: InputError when the sheet has no area.
     """
     x0, y0, x1, y1 = artwork.bounds
     if not (x1 > x0 and y1 > y0):
         raise InputError(f"the artwork's sheet spans {artwork.bounds} m; expected x0 < x1 and y0 < y1")
-    texel = max(x1 - x0, y1 - y0) / _TEXELS
+    texel = max(x1 - x0, y1 - y0) / texels
     width, height = int(np.ceil((x1 - x0) / texel - 1e-9)), int(np.ceil((y1 - y0) / texel - 1e-9))
     origin = np.array([x0, y0])
     grey = np.full((height, width), artwork.background, dtype=np.float32)

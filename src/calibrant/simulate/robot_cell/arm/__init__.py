@@ -1,0 +1,1 @@
+"""The arm with its gripper, and the controller that moves it."""

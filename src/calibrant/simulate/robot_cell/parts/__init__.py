@@ -1,0 +1,1 @@
+"""What a cell is made of before a seed is drawn: devices, things, noise."""

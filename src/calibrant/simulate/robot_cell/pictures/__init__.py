@@ -1,0 +1,1 @@
+"""From the world to what a camera gives: renderers, lenses, boards, noise."""

@@ -198,6 +198,10 @@ def _verify_touch(files: Files) -> Options:
     return {**_placed(files), "touches": [files.poses]}
 
 
+def _verify_held_out(files: Files) -> Options:
+    return {key: value for key, value in _placed(files).items() if key != "tip"}
+
+
 def _verify_watch(files: Files) -> Options:
     """A camera and a board that stand still, by the first picture, which is the only one."""
     return {"result": files.camera, "images": [files.images / "00.png"], "target": TARGET}
@@ -254,6 +258,7 @@ CASES: Mapping[str, Callable[[Files], Options]] = {
     "verify unchanged": _verify_unchanged,
     "verify watch": _verify_watch,
     "verify pinpoint": _placed,
+    "verify held-out": _verify_held_out,
     "verify touch": _verify_touch,
 }
 """Options by command, as Python takes them: a line for every command that gives a result."""

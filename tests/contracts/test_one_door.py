@@ -6,8 +6,6 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
-from docs.house import parsed
-
 import calibrant
 
 PACKAGE = Path(calibrant.__file__).parent
@@ -31,7 +29,7 @@ ALLOWED = {
 
 def openings(file: Path) -> Iterator[tuple[int, str]]:
     """Line and name of every call that opens a file by itself."""
-    tree = parsed(file)
+    tree = ast.parse(file.read_text(encoding="utf-8"))
     door = {
         alias.asname or alias.name
         for node in ast.walk(tree)

@@ -38,7 +38,7 @@ def finish(outcome: Outcome, call: Call) -> CalibrantError | None:
     seen = _seen(outcome.result) if shown and outcome.result is not None else None
     written = write_documents(_documents(outcome, call, seen), force=outputs.force)
     if outputs.json:
-        say_json(outcome.text())
+        say_json(outcome.text() if outcome.printed is None else outcome.printed())
     elif not outputs.silent:
         _show(outcome, seen, verbose=outputs.verbose)
         if written:

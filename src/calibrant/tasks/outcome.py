@@ -55,6 +55,7 @@ class Outcome:
     summary, page: a terminal's words (Rich renderables, texts, and results, which are told as every result is; a tuple
     of several in their order) and an HTML page, where they are not those that every result has.
     warnings: what a person should know where there is no result whose checks say it. then: what to do next.
+    printed: what --json prints, where that is not the result file's text: a series' table as data.
     refusal: raised when all is shown and written: the task did its work, and its answer is no.
     """
 
@@ -66,6 +67,7 @@ class Outcome:
     page: Callable[[], str] | None = None
     warnings: tuple[str, ...] = ()
     then: NextStep | None = None
+    printed: Callable[[], str] | None = None
     refusal: CalibrantError | None = None
 
     def noted(self, notes: Sequence[str]) -> Outcome:

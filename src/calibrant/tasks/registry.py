@@ -99,6 +99,7 @@ TASKS = {
     "verify unchanged": Entry("verify.unchanged", "Is a calibration still good? One to three photos tell."),
     "verify pinpoint": Entry("verify.pinpoint", "Put the tip to a marker's centre: how far off it is."),
     "verify touch": Entry("verify.touch", "Compare touched points with where the camera says they are."),
+    "verify held-out": Entry("verify.held_out", "Try a calibration on views that it never saw."),
     "verify watch": Entry("verify.watch", "Has the camera been moved? Picture after picture tells."),
     "ros run": Entry("run", "Calibrate a camera beside a running robot, through ROS.", (), package="ros"),
     "ros launch": Entry("launch", "Run the nodes of several cameras.", (), judged=False, package="ros"),

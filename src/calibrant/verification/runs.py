@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -95,6 +96,11 @@ def runs_json(result: CalibrationResult) -> dict[str, Any]:
     if after is not None:
         out["median_after_mm"] = after
     return out | dict(found.beside)
+
+
+def runs_text(result: CalibrationResult) -> str:
+    """The same as JSON."""
+    return json.dumps(runs_json(result), indent=2, ensure_ascii=False) + "\n"
 
 
 def _row(run: TaskRun) -> dict[str, Any]:

@@ -137,3 +137,23 @@ def test_a_calibration_without_the_transform_is_said(folder: Path, tmp_path: Pat
         status = run(["verify", "pinpoint", str(lens), "--images", str(folder / "now"), "--tip", "0,0,120mm"])
     assert status == 2
     assert "give a result of `calibrant hand-eye`" in err.getvalue()
+
+
+@pytest.mark.long
+def test_fresh_views_are_as_far_off_as_predicted(folder: Path, tmp_path: Path) -> None:
+    out, err = io.StringIO(), io.StringIO()
+    given = ("verify", "held-out", folder / "hand-eye.json", "--images", folder / "now", "--poses", folder / "now.csv")
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        status = run([*map(str, (*given, *READ, "--tolerance", "1mm", "--out", tmp_path / "held.json"))])
+    assert status == 0, err.getvalue()
+    found = cb.read(tmp_path / "held.json")
+    record = found.detail(TaskRuns)
+    assert record is not None
+    assert all(r.inside for r in record.runs)
+    assert found.held_out is not None
+    assert found.held_out.mm is not None
+    assert found.held_out.mm < 0.6
+    assert found.check("chi-square").status == "ok"
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        assert run([*map(str, (*given, *READ, "--tolerance", "0.01px"))]) == 1
+    assert "more than the tolerance of 0.01 px" in err.getvalue()

@@ -51,6 +51,7 @@ KINDS: Mapping[str, Kind] = {
     "watch": watch.KIND,
     "pinpoint": runs.PINPOINT,
     "touch": runs.TOUCH,
+    "held-out": runs.HELD_OUT,
     "observations": observations.KIND,
     "cameras": cameras.KIND,
     "comparison": comparison.KIND,

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from calibrant.errors import InputError
 from calibrant.tasks.inputs import session
 from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.cell import CellOptions
 from calibrant.tasks.options.images import NamedPhotoOptions, SearchOptions
 from calibrant.tasks.options.option import Option
 from calibrant.tasks.options.poses import PoseOptions
@@ -38,14 +40,16 @@ class Request:
         --target marker:100mm:DICT_5X5_50:7 --tip 0,0,120mm
     calibrant verify pinpoint hand-eye.json --images marker/*.png --poses marker.csv \\
         --target marker:100mm:DICT_5X5_50:7 --tip 0,0,120mm --offsets read.csv --tolerance 2mm
+    calibrant verify pinpoint --cell --view top --seeds 20
 
     First without --offsets: it says the coordinate of every marker and the robot's pose with the tip above it; nothing
     moves. Check the coordinate, drive there, and read how far the tip is off. Then with --offsets: the error beside the
-    predicted one, pass or fail, and the correction of the camera's pose that all of them propose.
+    predicted one, pass or fail, and the correction of the camera's pose that all of them propose. With --cell all of it
+    runs by itself in simulated cells, calibrated from their own pictures and measured by the truth.
     """
 
-    result: Annotated[Path, Option("RESULT.json", positional=True)]
-    """The calibration: a result of hand-eye."""
+    result: Annotated[Path | None, Option("RESULT.json", positional=True)] = None
+    """The calibration: a result of hand-eye; not with --cell."""
     photos: NamedPhotoOptions = NamedPhotoOptions()
     poses: Annotated[tuple[str, ...], Option("FILES")] = ()
     """Robot poses of the photos: a file, or one file a pose."""
@@ -64,6 +68,9 @@ class Request:
     """Height of the table that the marker lies on, in the base, and its sigma: 0mm,1mm."""
     tolerance: Annotated[str | None, Option("LENGTH")] = None
     """Largest error that passes: 2mm."""
+    yes: bool = False
+    """Let a robot that could hit something move without asking."""
+    cells: CellOptions = CellOptions()
     form: PoseOptions = PoseOptions()
     arm: RobotOptions = RobotOptions()
     search: SearchOptions = SearchOptions()
@@ -71,6 +78,8 @@ class Request:
 
 def reads(request: Request) -> list[str | Path]:
     """The result, the photos, the poses, the tip and what was read."""
+    if request.cells.cell or request.result is None:
+        return []
     offsets = [] if request.offsets is None else [request.offsets]
     tip = [request.tip] if request.tip.endswith(".json") else []
     photos = photo_files(request.photos, request.search)
@@ -83,9 +92,16 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     from calibrant.targets.lengths import parse_length
     from calibrant.verification.pinpoint.result import pinpoint_result, planned_result
 
+    tolerance = None if request.tolerance is None else 1e3 * parse_length(request.tolerance, what="--tolerance")
+    request.cells.check()
+    if request.cells.cell:
+        return _in_cells(request, tolerance, listener)
+    if request.result is None:
+        raise InputError(
+            "give the calibration to verify (a result of `calibrant hand-eye`), or --cell for simulated ones"
+        )
     if not request.tip:
         raise InputError("say where the tip is on the flange: --tip 0,0,120mm, or the result of `calibrant tool touch`")
-    tolerance = None if request.tolerance is None else 1e3 * parse_length(request.tolerance, what="--tolerance")
     placed = placed_targets(request.result, request, parse_table(request.table), listener)
     goals = [_goal(placed, p, T, request) for p, T in zip(placed.placings, placed.T_base_gripper)]
     touches = [] if request.offsets is None else _touches(placed, goals, request)
@@ -106,6 +122,19 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     options = {"result": str(request.result), "tip": request.tip, "tolerance": request.tolerance}
     result = replace(result, options=options, inputs=session.file_records(reads(request)))
     return Outcome(result=result, refusal=refusal_of(result, "pinpoint"))
+
+
+def _in_cells(request: Request, tolerance_mm: float | None, listener: Listener) -> Outcome:
+    """The whole of it in simulated cells."""
+    from calibrant.targets.lengths import parse_length
+    from calibrant.tasks.verify.in_cell.pinpoint import pinpoint_series
+    from calibrant.verification.runs import runs_text
+
+    if request.result is not None or request.photos.images or request.offsets is not None:
+        raise InputError("--cell calibrates and looks by itself: leave the result, the photos and the offsets out")
+    hover = parse_length(request.hover, what="--hover")
+    result = pinpoint_series(request.cells, tolerance_mm=tolerance_mm, hover=hover, yes=request.yes, listener=listener)
+    return Outcome(result=result, printed=partial(runs_text, result), refusal=refusal_of(result, "pinpoint"))
 
 
 def _goal(placed: PlacedTargets, placing: Placing, T_base_gripper: Array | None, request: Request) -> Array:

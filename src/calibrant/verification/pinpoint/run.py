@@ -22,6 +22,8 @@ from calibrant.verification.unchanged.robot_noise import RobotSide
 
 APPROACH_M = 0.08
 """Above the point, from where the tip goes down along a line: clear of a cube, and short."""
+SPEEDS = (0.3, 0.1)
+"""Shares of the robot's speed: to the place above, and down."""
 HOVER_M = 0.005
 """What the tip stays above the marker, so that an error of some millimetres does not drive it into the table."""
 
@@ -42,6 +44,7 @@ class Pinpoint:
     table: Table | None = None
     hover: float = HOVER_M
     pictures: int = PICTURES
+    speeds: tuple[float, float] = SPEEDS
     sigma: float = 0.0
     sigma_turn: float = 0.0
 
@@ -65,13 +68,15 @@ def see(task: Pinpoint, name: str) -> Placing:
     return lying_on(placing, task.table)
 
 
-def drive(robot: Robot, T_base_gripper: Array, *, approach: float = APPROACH_M) -> None:
+def drive(
+    robot: Robot, T_base_gripper: Array, *, approach: float = APPROACH_M, speeds: tuple[float, float] = SPEEDS
+) -> None:
     """Above the goal, then down along a line. Raises: as the robot; it stands still then."""
     above = T_base_gripper.copy()
     above[2, 3] += approach
     try:
-        robot.move_to(above)
-        robot.move_line(T_base_gripper, speed=0.1)
+        robot.move_to(above, speed=speeds[0])
+        robot.move_line(T_base_gripper, speed=speeds[1])
     except CalibrantError:
         robot.stop()
         raise
@@ -88,7 +93,7 @@ def pinpoint(task: Pinpoint, name: str, measure: Callable[[], Array]) -> tuple[T
         raise RefusedError(f"{said}. Not confirmed: the arm has not moved")
     now = task.robot.pose()[:3, :3]
     goal, wanted = goal_above(placing.T_base_target, task.middle, task.T_gripper_tip, now, hover=task.hover)
-    drive(task.robot, goal)
+    drive(task.robot, goal, speeds=task.speeds)
     return measured_touch(task, placing, goal, wanted, measure()), placing
 
 

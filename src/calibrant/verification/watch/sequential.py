@@ -318,3 +318,21 @@ def _chance(dims: int, value: float, freedom: float) -> float:
     if freedom == inf:
         return chi2_tail(dims, max(value, 0.0))
     return float(f_tail(dims, freedom, max(value, 0.0) / dims))
+
+
+def joint_chi2(sights: Sequence[Sight]) -> tuple[float, int]:
+    """Chi-square of all sights together where nothing moved, the calibration's error being one for all, and its
+    degrees of freedom."""
+    state = Watch(Rule())
+    for sight in sights:
+        state = _at_place(
+            replace(
+                state,
+                steady=state.steady or Filters.blank(sight.of_calibration.shape[1], sight.of_place.shape[1]),
+                place=sight.place if state.place is None else state.place,
+            ),
+            sight,
+        )
+        if state.steady is not None:
+            state = replace(state, steady=state.steady.seen(*_over_noise(sight, with_move=False)))
+    return (0.0, 0) if state.steady is None else (float(state.steady.chi2()[0]), state.steady.values)

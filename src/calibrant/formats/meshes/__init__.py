@@ -1,1 +1,0 @@
-"""Surfaces of objects as triangles: STL and OBJ files."""

@@ -1,1 +1,0 @@
-"""Segments of a picture by their colour: ranges of hue, saturation and value, and the connected parts within them."""

@@ -1,0 +1,42 @@
+"""`verify … --cell`: one simulated cell, from its own pictures to a table of runs."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+
+import pytest
+from tests.simulate.robot_cell.cells import needs_opengl
+
+from calibrant.cli.application import run
+
+
+def said(*arguments: str) -> tuple[int, str, str]:
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        status = run(["verify", *arguments])
+    return status, out.getvalue(), err.getvalue()
+
+
+@needs_opengl()
+@pytest.mark.long
+def test_a_pinpoint_in_one_cell_as_data() -> None:
+    status, out, err = said("pinpoint", "--cell", "--view", "top", "--seeds", "1", "--first-seed", "40", "--json")
+    assert status == 0, err
+    found = json.loads(out)
+    assert [row["seed"] for row in found["runs"]] == [40]
+    assert list(found["runs"][0])[:4] == ["seed", "error_mm", "predicted_95_mm", "passed"]
+    assert found["median_mm"] == found["runs"][0]["error_mm"] < 3.0  # what is promised of the top camera
+    assert found["runs"][0]["after_deg"] < 0.3
+    assert found["passed"] is True
+    assert found["inside_95"] == 1
+
+
+def test_what_does_not_go_with_a_cell_is_said() -> None:
+    status, _, err = said("pinpoint", "--cell", "--images", "x.png")
+    assert status == 2
+    assert "leave the result, the photos and the offsets out" in err
+    status, _, err = said("pinpoint")
+    assert status == 2
+    assert "--cell" in err

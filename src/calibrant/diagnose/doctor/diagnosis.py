@@ -11,12 +11,13 @@ import numpy as np
 from calibrant.arrays import Array
 from calibrant.calibrate.cell.boards.turned import ViewsNumbered
 from calibrant.cameras import Camera
-from calibrant.data import CalibrationResult, Check, Measured, Observations, RobotPoses, View, ViewResult, verdict_of
-from calibrant.data.details import Deviations, Fault, Faults, LoopSpread, ViewDeviation
+from calibrant.data import CalibrationResult, Check, Observations, RobotPoses, View, ViewResult, verdict_of
+from calibrant.data.details import Deviations
 from calibrant.diagnose.conventions.hypotheses import Setup
 from calibrant.diagnose.doctor.evidence.case import Case, case_of_poses, case_of_views
 from calibrant.diagnose.doctor.evidence.finding import Finding
 from calibrant.diagnose.doctor.evidence.loop import Loop
+from calibrant.diagnose.doctor.evidence.told import deviations, faults, loop_figures, rank
 from calibrant.diagnose.doctor.faults.timing import times_of
 from calibrant.diagnose.doctor.numbering import finding, numbering_of, sides_of
 from calibrant.diagnose.doctor.pose_notation import PoseDecision, decide_poses
@@ -166,8 +167,7 @@ def _diagnosis(poses: PoseDecision, examination: Examination) -> Diagnosis:
     again = {"no-reading-fits"} if examination.judged else set()
     again |= {f.name for f in examination.findings} & {"pose-units"}
     read = [f for f in poses.findings if f.name not in again]
-    rank = {"fail": 0, "warn": 1, "ok": 2}
-    every = sorted((*read, *examination.findings), key=lambda f: rank[f.status])
+    every = sorted((*read, *examination.findings), key=rank)
     return Diagnosis(poses, examination, tuple(every))
 
 
@@ -185,43 +185,17 @@ def as_result(diagnosis: Diagnosis) -> CalibrationResult:
         for i, use, size, reason, B in zip(data.ids, data.use, sizes, data.reasons, data.B)
     )
     examination = diagnosis.examination
-    figures: dict[str, Measured] = {}
     agreeing = diagnosis.agreeing_loop
-    loops = (("loop_before", examination.before), ("loop_after", examination.after), ("loop_agreeing", agreeing))
-    for name, loop in loops:
-        if loop is not None:
-            figures |= {f"{name}_mm": Measured(loop.mm, unit="mm"), f"{name}_deg": Measured(loop.deg, unit="deg")}
+    loops = {"loop_before": examination.before, "loop_after": examination.after, "loop_agreeing": agreeing}
     return CalibrationResult(
         kind="doctor",
         verdict=verdict_of(checks),
         checks=checks,
         views=views,
-        figures=figures,
+        figures=loop_figures(loops),
         decided={"setup": diagnosis.poses.setup, "pose_reading": diagnosis.poses.decision.notation.description},
         details=(faults(diagnosis.findings), *_deviations(examination)),
         robot_poses=RobotPoses(data.ids, data.T_base_gripper),
-    )
-
-
-def faults(findings: Sequence[Finding]) -> Faults:
-    """The findings as a result keeps them."""
-    return Faults(tuple(_fault(f) for f in findings))
-
-
-def _fault(f: Finding) -> Fault:
-    before, after = (None, None) if f.evidence is None else (f.evidence.before, f.evidence.after)
-    measured = f.measured
-    return Fault(
-        f.name,
-        f.status,
-        f.message,
-        f.confidence,
-        None if before is None else LoopSpread(before.mm, before.deg),
-        None if after is None else LoopSpread(after.mm, after.deg),
-        None if measured is None else measured.value,
-        None if measured is None else measured.sigma,
-        f.views,
-        f.proposal,
     )
 
 
@@ -230,15 +204,7 @@ def _deviations(examination: Examination) -> tuple[Deviations, ...]:
     if examination.before is None:
         return ()
     before, after = _view_deviations(examination.case), _view_deviations(examination.repaired)
-    none = (None, None)
-    return (
-        Deviations(
-            tuple(
-                ViewDeviation(name, *before.get(name, none), *after.get(name, none))
-                for name in examination.case.data.ids
-            )
-        ),
-    )
+    return (deviations(before, after, examination.case.data.ids),)
 
 
 def _view_deviations(case: Case) -> dict[str, tuple[float, float]]:

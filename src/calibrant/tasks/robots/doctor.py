@@ -182,7 +182,7 @@ def _repaired(diagnosis: Diagnosis, data: PairedData, request: ListRequest) -> C
     """
     from calibrant.calibrate.cell.boards.turned import NAME
     from calibrant.data import Check, verdict_of
-    from calibrant.diagnose.doctor.diagnosis import faults
+    from calibrant.diagnose.doctor.evidence.told import faults
     from calibrant.diagnose.doctor.repair import calibrate_repaired
 
     found = calibrate_repaired(diagnosis, model=request.lens.model, fix=split_names(request.lens.fix))

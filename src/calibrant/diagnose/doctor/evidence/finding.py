@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from calibrant.data import Check, Measured
 from calibrant.data.results import Status
 from calibrant.diagnose.doctor.evidence.case import Case
-from calibrant.diagnose.doctor.evidence.loop import Evidence
+from calibrant.diagnose.doctor.evidence.loop import Evidence, Loop
 
 Repair = Callable[[Case], Case]
 
@@ -39,3 +39,8 @@ class Finding:
         """The finding as a check of a result; its value is the measured figure, else the confidence."""
         text = self.message if not self.proposal else f"{self.message}; {self.proposal}"
         return Check(self.name, self.status, text, self.measured.value if self.measured else self.confidence)
+
+    @property
+    def loops(self) -> tuple[Loop | None, Loop | None]:
+        """The loop before the repair and after it; None where the evidence is another."""
+        return (None, None) if self.evidence is None else (self.evidence.before, self.evidence.after)

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibrant.data import CalibrationResult, Check, Measured, Observations, ViewResult, verdict_of
-from calibrant.data.details import Deviations, Fault, Faults, LoopSpread, ViewDeviation
-from calibrant.diagnose.doctor.evidence.loop import Loop
+from calibrant.data import CalibrationResult, Check, Observations, ViewResult, verdict_of
+from calibrant.diagnose.doctor.evidence.told import deviations, faults, loop_figures, rank
 from calibrant.diagnose.doctor.pairs.case import LensOf, PairCase, pair_case
 from calibrant.diagnose.doctor.pairs.finding import PairFinding
 from calibrant.diagnose.doctor.pairs.lenses import exchanged, mirrored, of_another_camera
@@ -51,8 +50,7 @@ def diagnose_pairs(observations: Observations, *, lens: LensOf | None = None) ->
         if found.repair is None:
             break
         case = pair_case(found.repair(case.observations), case, lens)
-    rank = {"fail": 0, "warn": 1, "ok": 2}
-    return PairDiagnosis(given, case, tuple(sorted(findings, key=lambda f: rank[f.status])))
+    return PairDiagnosis(given, case, tuple(sorted(findings, key=rank)))
 
 
 def as_result(diagnosis: PairDiagnosis) -> CalibrationResult:
@@ -61,12 +59,6 @@ def as_result(diagnosis: PairDiagnosis) -> CalibrationResult:
         Check(f.name, f.status, f.text, f.measured.value if f.measured else f.confidence) for f in diagnosis.findings
     )
     given, repaired = diagnosis.given, diagnosis.repaired
-    figures: dict[str, Measured] = {}
-    for name, case in (("before", given), ("after", repaired)):
-        figures |= {
-            f"loop_{name}_mm": Measured(case.loop.mm, unit="mm"),
-            f"loop_{name}_deg": Measured(case.loop.deg, unit="deg"),
-        }
     views = tuple(ViewResult(v.id, True, len(v), camera=v.camera) for side in repaired.seen for v in side)
     agree = int((~repaired.wrong).sum())
     text = f"{given.right} to {given.left}, by {len(repaired)} pairs, of which {agree} agree"
@@ -75,36 +67,10 @@ def as_result(diagnosis: PairDiagnosis) -> CalibrationResult:
         verdict=verdict_of(checks),
         checks=checks,
         views=views,
-        figures=figures,
+        figures=loop_figures({"loop_before": given.loop, "loop_after": repaired.loop}),
         decided={"pairs": text},
-        details=(Faults(tuple(_fault(f) for f in diagnosis.findings)), _deviations(given, repaired)),
+        details=(faults(diagnosis.findings), deviations(_off(given), _off(repaired))),
     )
-
-
-def _fault(f: PairFinding) -> Fault:
-    measured = f.measured
-    return Fault(
-        f.name,
-        f.status,
-        f.message,
-        f.confidence,
-        _spread(f.before),
-        _spread(f.after),
-        None if measured is None else measured.value,
-        None if measured is None else measured.sigma,
-        f.views,
-        f.proposal,
-    )
-
-
-def _spread(loop: Loop | None) -> LoopSpread | None:
-    return None if loop is None else LoopSpread(loop.mm, loop.deg)
-
-
-def _deviations(given: PairCase, repaired: PairCase) -> Deviations:
-    before, after = _off(given), _off(repaired)
-    none = (None, None)
-    return Deviations(tuple(ViewDeviation(k, *before.get(k, none), *after.get(k, none)) for k in before | after))
 
 
 def _off(case: PairCase) -> dict[str, tuple[float, float]]:

@@ -42,6 +42,11 @@ class PairFinding:
         """Message and cure."""
         return f"{self.message}; {self.proposal}" if self.proposal else self.message
 
+    @property
+    def loops(self) -> tuple[Loop | None, Loop | None]:
+        """The loop before the repair and after it."""
+        return self.before, self.after
+
 
 @dataclass(frozen=True, eq=False)
 class Judged:

@@ -123,7 +123,11 @@ def _also_asked(folder: Path, project: Project, name: str) -> list[object]:
         others = [o.recording for n in mates_of(project, name) if (o := project.observations[n]).recording is not None]
         arm = robot_asked(folder, project.components[seen.robot]) if seen.robot else []
         return [arm, *([v for k, v in vars(r).items() if k != "bag"] for r in (seen.recording, *others))]
-    if len(mates_of(project, name)) > 1 and any(frame_place(f) for f in image_files(folder, project, name)):
+    if (
+        seen.images
+        and len(mates_of(project, name)) > 1
+        and any(frame_place(f) for f in image_files(folder, project, name))
+    ):
         return [[f.name for f in image_files(folder, project, name)]]
     return []
 

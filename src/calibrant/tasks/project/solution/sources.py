@@ -60,7 +60,8 @@ def frame_place(file: Path) -> bool:
 def image_files(folder: Path, project: Project, name: str) -> list[Path]:
     """The images that observations are found in; of the videos of a rig the frames of the same numbers, as `rig` takes
     them. Raises: InputError."""
-    source, mates = source_of(folder, project, name), mates_of(project, name)
+    source = source_of(folder, project, name)
+    mates = [n for n in mates_of(project, name) if project.observations[n].images]
     files = source.files()
     if len(mates) < 2 or not all(map(frame_place, files)):
         return files

@@ -12,6 +12,7 @@ Reconstruction"; Louhichi et al. 2007 for the tilt).
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -144,6 +145,13 @@ def radius_limit(terms: Array) -> float:
     norm 6 |p| r + 2 |s13| r + 4 |s24| r^3 at most. While both slopes exceed that, the Jacobian is positive definite,
     and a map that is so on a convex region is one to one. Without these terms it is the fold itself.
     """
+    return _limit(tuple(np.asarray(terms, dtype=np.float64).tolist()))
+
+
+@lru_cache(maxsize=256)
+def _limit(numbers: tuple[float, ...]) -> float:
+    """`radius_limit` of these terms; a lens is asked for it with every view."""
+    terms = np.array(numbers)
     r = np.polynomial.Polynomial([0.0, 1.0])
     even = r * r
     N = np.polynomial.Polynomial([1.0, *terms[_NUMERATOR]])

@@ -13,6 +13,7 @@ from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3, so3
+from calibrant.perceive.stereo import disparity
 from calibrant.perceive.stereo.depth import DepthMap, depth_map, depth_points
 from calibrant.perceive.stereo.eyes import Eyes
 from calibrant.perceive.stereo.rectification import Projection, rectification
@@ -62,6 +63,25 @@ def test_slanted_faces_and_their_edges_are_measured_as_walls_are() -> None:
     z = ((found.points[..., 2] - true) / found.sigma_z)[box & found.known]
     assert 0.4 < np.mean(z**2) < 1.25
     assert np.mean(np.abs(z) > 5) < 0.001
+
+
+@pytest.mark.parametrize("angle", [0.0, np.pi / 4, np.pi / 2])
+def test_what_a_crease_is_blunted_by_is_what_the_refinements_equations_say(angle: float) -> None:
+    """A roof of disparities on random gradients, refined without noise: what is left is the crease's alone."""
+    ratios = []
+    for seed in range(4):
+        g = np.gradient(np.random.default_rng(seed).normal(size=(160, 240)), axis=1)
+        y, x = np.mgrid[:160, :240] - np.array([80, 120])[:, None, None]
+        roof, known = 0.01 * np.abs(x * np.cos(angle) + y * np.sin(angle)), np.ones(g.shape, dtype=bool)
+        mean, n = disparity._sum(g), disparity.WINDOW**2
+        gg, d = disparity._sum(g * g) - mean**2 / n, disparity._smooth(roof, known)
+        for _ in range(disparity._ITERATIONS):
+            base = disparity._smooth(d, known)
+            r = g * (roof - base)
+            d = base + (disparity._sum(g * r) - mean * disparity._sum(r) / n) / gg
+        inner = np.s_[25:-25, 25:-25]
+        ratios.append(np.sum((d - roof)[inner] ** 2) / np.sum(disparity._left_out(d, known)[inner] ** 2))
+    assert np.mean(ratios) == pytest.approx(disparity.CREASE, rel=0.15)
 
 
 @pytest.mark.long

@@ -58,8 +58,9 @@ _FARTHEST_PX = 1.5
 """A refinement that goes farther has left what was matched."""
 CHI2_1_MEDIAN = 0.4549
 """Median of the square of a normal variable."""
-CREASE = 16.8
-"""Square of what the refinement errs by at a crease over that of what smoothing leaves out, summed across it."""
+CREASE = 9.0
+"""Square of what the refinement errs by at a crease over that of what smoothing leaves out, summed across it: both are
+linear in the surface, and the refinement's own equations come to 8 to 10.6 over textures and directions."""
 _BENDS = 8.0
 """Times the usual variance of a window's disparities about a plane, from which it holds an edge or a bend: noise alone,
 on the gradients of three textures, stays below 5 in 999 of 1000 windows; from 8 on most is the surface's."""

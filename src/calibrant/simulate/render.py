@@ -85,7 +85,7 @@ def render(
         scene = np.full((height, width), 0.5, dtype=np.float32)
     rows, columns = sheet_window(artwork, camera, T)
     if rows.stop > rows.start and columns.stop > columns.start:
-        grey, cover = sheet_seen(rasterise(artwork), pixel_rays(camera)[rows, columns], T)
+        grey, cover = _sheet(rasterise(artwork), pixel_rays(camera)[rows, columns], T)
         scene[rows, columns] = scene[rows, columns] * (1 - cover) + grey
     image = (how.ink_grey + (how.paper_grey - how.ink_grey) * scene) * _light(camera.image_size, how, rng)
     if how.blur_px > 0:
@@ -133,12 +133,8 @@ def sheet_window(artwork: Artwork, camera: Camera, T_camera_target: Array) -> tu
     return slice(int(r0), int(r1)), slice(int(c0), int(c1))
 
 
-def sheet_seen(
-    texture: Texture, rays: Array, T_camera_target: Array, *, samples: int = _SAMPLES
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _sheet(texture: Texture, rays: Array, T_camera_target: Array) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Grey times cover, and cover, of every pixel of a window: two (h, w) images, 0..1.
-
-    samples: points a pixel on edges, a power of 2.
 
     p_target = R^T (s ray - t) has z = 0 at s = (n . t) / (n . ray), n = R e_z; the face is seen where both are > 0.
     """
@@ -160,22 +156,22 @@ def sheet_seen(
     edge = near & (clear < reach)
     image = _look_up(texture.data, cell, cv2.INTER_NEAREST).astype(np.float32) / np.float32(255)
     if np.any(edge):
-        image[edge] = _footprint_means(texture, xy[edge], du[edge], dv[edge], samples)
+        image[edge] = _footprint_means(texture, xy[edge], du[edge], dv[edge])
     return image[..., 0], image[..., 1]
 
 
-def _footprint_means(texture: Texture, centre: Array, du: Array, dv: Array, samples: int) -> NDArray[np.float32]:
+def _footprint_means(texture: Texture, centre: Array, du: Array, dv: Array) -> NDArray[np.float32]:
     """Mean of the drawing over centre + a du + b dv, |a|, |b| <= 1/2: three (n, 2), texels -> (n, 2)."""
-    a, b = _pattern(samples)
+    a, b = _pattern()
     count = len(centre)
     columns = 1024  # the picture library takes images below 32768 on a side: fold the list
     folded = -(-count // columns) * columns
     total = np.zeros((folded, 2), dtype=np.float32)
     c, u, v = (np.resize(m.astype(np.float32), (folded, 2)) for m in (centre, du, dv))
-    for i in range(samples):
+    for i in range(_SAMPLES):
         at = (c + a[i] * u + b[i] * v).reshape(-1, columns, 2)
         total += _look_up(texture.data, at, cv2.INTER_LINEAR).reshape(-1, 2)
-    return total[:count] / np.float32(255 * samples)
+    return total[:count] / np.float32(255 * _SAMPLES)
 
 
 def _look_up(picture: NDArray, at: NDArray[np.float32], interpolation: int) -> NDArray:
@@ -185,13 +181,13 @@ def _look_up(picture: NDArray, at: NDArray[np.float32], interpolation: int) -> N
     return np.asarray(cv2.remap(picture, u, v, interpolation, borderMode=cv2.BORDER_CONSTANT))
 
 
-@lru_cache(maxsize=4)
-def _pattern(samples: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+@lru_cache(maxsize=1)
+def _pattern() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Hammersley's points in the square [-1/2, 1/2]^2: k / n beside the bits of k in reverse."""
-    k = np.arange(samples)
-    bits = samples.bit_length() - 1
+    k = np.arange(_SAMPLES)
+    bits = _SAMPLES.bit_length() - 1
     reverse = sum(((k >> i) & 1) << (bits - 1 - i) for i in range(bits))
-    a, b = ((np.asarray(m) + 0.5) / samples - 0.5 for m in (k, reverse))
+    a, b = ((np.asarray(m) + 0.5) / _SAMPLES - 0.5 for m in (k, reverse))
     return a.astype(np.float32), b.astype(np.float32)
 
 

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.errors import InputError
-from calibrant.geometry import se3
+from calibrant.robots.arms import ARMS
 from calibrant.simulate.robot_cell.arm.arms import CellArm, named_arm
 from calibrant.simulate.robot_cell.arm.gripper import T_gripper_stick_board
 from calibrant.simulate.robot_cell.arm.robot import SimulatedRobot
+from calibrant.simulate.robot_cell.arm.user_arms import PACKAGED, file_arm, packaged_file
 from calibrant.simulate.robot_cell.cell import RobotCell
 from calibrant.simulate.robot_cell.draw import drawn_camera, drawn_light, drawn_places, stream
 from calibrant.simulate.robot_cell.film import Recorder, film_camera
@@ -22,7 +23,7 @@ from calibrant.simulate.robot_cell.parts.spec import RobotCellSpec
 from calibrant.simulate.robot_cell.pictures.camera import SimulatedCamera
 from calibrant.simulate.robot_cell.pictures.drawing import choose_renderer
 from calibrant.simulate.robot_cell.pictures.lens import lens_map
-from calibrant.simulate.robot_cell.pictures.sheets import Sheet, draw_sheet
+from calibrant.simulate.robot_cell.pictures.sheets import Eye, Sheet, draw_sheet
 from calibrant.simulate.robot_cell.truth import CellTruth
 from calibrant.simulate.robot_cell.world.light import Light
 from calibrant.simulate.robot_cell.world.physics import World
@@ -51,7 +52,7 @@ def make_robot_cell(seed: int, *, spec: RobotCellSpec | None = None, record: Pat
     if seed < 0:
         raise InputError(f"a seed is 0 or more, got {seed}")
     arm = _arm(chosen.arm)
-    chain = arm.true_chain(chosen.robot_noise, stream(seed, "arm"))
+    arm, chain = arm.built(chosen.robot_noise, stream(seed, "arm"))
     light = drawn_light(chosen.spread, stream(seed, "light"))
     world = World(build_world(chosen, arm, chain, light))
     renderer, drawn_by = choose_renderer(world, light, shadows=chosen.shadows)
@@ -97,7 +98,10 @@ class _Sheets:
 
 
 def _arm(name: str) -> CellArm:
-    return named_arm(name)
+    """An arm by name, or of a file."""
+    if name in ARMS:
+        return named_arm(name)
+    return file_arm(packaged_file(name) if name in PACKAGED else name)
 
 
 def _lay_out(spec: RobotCellSpec, world: World, seed: int) -> None:
@@ -116,10 +120,7 @@ def _finished(
     K, size = film_camera()
     values = {"fx": K[0, 0], "fy": K[1, 1], "cx": K[0, 2], "cy": K[1, 2]}
     camera = Camera.create("pinhole", values, image_size=size)
-    rays = lens_map(camera).rays
+    eye = Eye(camera, lens_map(camera), T_base_camera, light)
     for sheet in sheets.seen():
-        T = se3.inverse(T_base_camera) @ world.pose(sheet.body)
-        colour = draw_sheet(
-            colour, depth, sheet, T, camera=camera, rays=rays, light=light, R_camera_base=T_base_camera[:3, :3].T
-        )
+        draw_sheet(colour, depth, sheet, world.pose(sheet.body), eye)
     return colour

@@ -9,6 +9,7 @@ import numpy as np
 from calibrant.robots.links import LinkChain
 from calibrant.simulate.robot_cell.arm.arms import CellArm, add_arm
 from calibrant.simulate.robot_cell.arm.gripper import add_gripper, add_tools
+from calibrant.simulate.robot_cell.arm.user_arms import add_file_arm
 from calibrant.simulate.robot_cell.parts.spec import COLOURS, CellObject, Conveyor, RobotCellSpec
 from calibrant.simulate.robot_cell.world.engine import need_mujoco
 from calibrant.simulate.robot_cell.world.light import Light
@@ -45,7 +46,7 @@ def build_world(spec: RobotCellSpec, arm: CellArm, true: LinkChain, light: Light
     _add_room(world)
     if spec.conveyor is not None:
         _add_belt(world, spec.conveyor)
-    flange = add_arm(world, arm, true)
+    flange = add_arm(world, arm, true) if arm.file is None else add_file_arm(world, arm)
     add_gripper(world, flange)
     add_tools(flange, parse_target(spec.stick_board), spec.stick_m)
     for item in spec.objects:

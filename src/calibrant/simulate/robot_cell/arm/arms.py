@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +12,7 @@ from calibrant.geometry import se3, so3
 from calibrant.robots.arms import arm
 from calibrant.robots.geometry import frame_about
 from calibrant.robots.links import LinkChain, as_links
+from calibrant.simulate.robot_cell.arm.servos import add_servo
 from calibrant.simulate.robot_cell.parts.noise import RobotNoise
 
 if TYPE_CHECKING:
@@ -32,8 +33,16 @@ class CellArm:
     radii: Array
     file: str | None = None
 
+    def built(self, noise: RobotNoise, rng: np.random.Generator) -> tuple[CellArm, LinkChain]:
+        """The arm as its controller knows it, and the chain as it was built: links and encoder zeros off by the noise.
+
+        The shapes of a file are what was built; its controller's figures are then the ones that are off.
+        """
+        off = self.true_chain(noise, rng)
+        return (self, off) if self.file is None else (replace(self, chain=off), self.chain)
+
     def true_chain(self, noise: RobotNoise, rng: np.random.Generator) -> LinkChain:
-        """The arm as it was built: links and encoder zeros off by the noise."""
+        """The chain with its links and encoder zeros off by the noise."""
         lengths = 1e-3 * noise.link_mm
         scale = np.tile(np.repeat([lengths / 0.3, lengths], 3), len(self.chain.movers) + 1)
         built = self.chain.moved(scale * rng.standard_normal(len(scale)))
@@ -61,11 +70,6 @@ def named_arm(name: str) -> CellArm:
 
 _SHELL = (0.88, 0.88, 0.90, 1.0)
 _JOINT = (0.30, 0.33, 0.38, 1.0)
-_GAINS = 8000.0
-"""Stiffness of the position servos, N m / rad: 1 N m of load bends a joint by 0.1 mrad before the controller's integral
-part takes it back."""
-_DAMPING = 250.0
-"""N m s / rad: about critical for the inertia of a stretched arm."""
 _ARMATURE = 0.3
 """kg m^2 of rotors behind their gears; it dominates the inertia of the wrist's joints, as in real arms."""
 
@@ -91,7 +95,7 @@ def add_arm(world: mujoco.MjSpec, cell_arm: CellArm, true: LinkChain) -> mujoco.
             armature=_ARMATURE,
             damping=np.array([1.0, 0.0, 0.0]),
         )
-        _add_servo(world, joint.name)
+        add_servo(world, joint.name, joint.name)
         axis = se3.make(frame_about(np.array(mover.axis)), np.zeros(3))
         radius = cell_arm.radii[k + 1] if k + 1 < len(cell_arm.radii) else cell_arm.radii[-1]
         body.add_geom(
@@ -125,25 +129,3 @@ def _add_link(body: mujoco.MjsBody, end: Array, radius: float) -> None:
         rgba=_SHELL,
         **ARM_CONTACT,
     )
-
-
-def _add_servo(world: mujoco.MjSpec, joint: str) -> None:
-    import mujoco
-
-    servo = world.add_actuator(name=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint)
-    servo.gaintype = mujoco.mjtGain.mjGAIN_FIXED
-    servo.biastype = mujoco.mjtBias.mjBIAS_AFFINE
-    servo.gainprm = _parameters(_GAINS)
-    servo.biasprm = _parameters(0.0, -_GAINS, -_DAMPING)
-
-
-def servo_lag_s() -> float:
-    """Damping over stiffness: a servo trails its command by this time at constant speed; the controller leads by it."""
-    return _DAMPING / _GAINS
-
-
-def _parameters(*values: float) -> Array:
-    """MuJoCo's fixed row of ten numbers."""
-    row = np.zeros(10)
-    row[: len(values)] = values
-    return row

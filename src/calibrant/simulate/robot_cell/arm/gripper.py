@@ -11,7 +11,8 @@ import numpy as np
 
 from calibrant.arrays import Array
 from calibrant.geometry import se3, so3
-from calibrant.simulate.robot_cell.arm.arms import ARM_CONTACT, _parameters
+from calibrant.simulate.robot_cell.arm.arms import ARM_CONTACT
+from calibrant.simulate.robot_cell.arm.servos import add_finger_servo
 from calibrant.targets.target import Target
 
 if TYPE_CHECKING:
@@ -66,10 +67,7 @@ def add_gripper(world: mujoco.MjSpec, flange: mujoco.MjsBody) -> None:
             solref=[0.004, 1.0],
             priority=1,  # the pads' friction and stiffness rule, whatever they hold
         )
-        servo = world.add_actuator(name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name)
-        servo.gaintype, servo.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
-        servo.gainprm, servo.biasprm = _parameters(4000.0), _parameters(0.0, -4000.0, -60.0)
-        servo.forcelimited, servo.forcerange = True, np.array([-GRIP_N, GRIP_N])
+        add_finger_servo(world, name, force_n=GRIP_N)
     both = world.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name1=FINGERS[0], name2=FINGERS[1])
     both.data[:5] = [0, 1, 0, 0, 0]
     both.objtype = mujoco.mjtObj.mjOBJ_JOINT

@@ -15,14 +15,17 @@ from calibrant.data import GripperState, RobotLimits
 from calibrant.errors import DeviceError, InputError, RefusedError
 from calibrant.geometry import se3
 from calibrant.robots.links import LinkChain
-from calibrant.simulate.robot_cell.arm.arms import CellArm, servo_lag_s
+from calibrant.simulate.robot_cell.arm.arms import CellArm
 from calibrant.simulate.robot_cell.arm.gripper import FINGERS, STROKE_M, TOOL_GEOMS, tip_end_m
 from calibrant.simulate.robot_cell.arm.paths import Workspace, joint_path, line_path, nearest_joints
+from calibrant.simulate.robot_cell.arm.servos import servo_lag_s
 from calibrant.simulate.robot_cell.parts.noise import RobotNoise
 from calibrant.simulate.robot_cell.world.physics import World
 
-_LOST_RAD = 0.06
-"""A joint this far behind its command is held by something: the arm stops, as arms with torque sensors do."""
+_LOST_RAD = 0.012
+"""A joint this far behind its command pushes with 100 N m, as many as the Franka arm's reflexes allow: it stops."""
+_CONTROL_STEPS = 4
+"""Of physics for one of the controller: 125 Hz, as the UR5's interface has."""
 _FINGER_SPEED = 0.1
 """m/s each; Franka's hand: 0.2 m/s of width."""
 _HOLD_M = 0.001
@@ -42,6 +45,8 @@ class SimulatedRobot:
         self._play, self._side, self._correction = np.zeros(n), np.zeros(n), np.zeros(n)
         self._target, self._speed = arm.home.copy(), np.zeros(n)
         self._twist: Array | None = None
+        self._rate, self._ticks = np.zeros(n), 0
+        self._low: str | None = None
         self._repeat = self._joint_scatter()
         self.workspace = Workspace(arm.chain, tip_end_m(None), 0.0)
         self.carried: str | None = None
@@ -115,7 +120,7 @@ class SimulatedRobot:
         asked = np.asarray(twist, dtype=np.float64)
         if asked.shape != (6,) or not np.all(np.isfinite(asked)):
             raise InputError(f"a twist is six finite numbers, rotation and translation; got {asked}")
-        self._twist = asked
+        self._twist, self._ticks = asked, 0
         self._world.wait(seconds)
         if self.fault is not None:
             raise RefusedError(self._take_fault())
@@ -231,6 +236,17 @@ class SimulatedRobot:
                     "something is in the way. Free the arm, then go on from where it stands"
                 )
 
+    def _feel(self, behind: Array) -> None:
+        """Stop where a joint is held. Raises: DeviceError naming it."""
+        if behind.max() < _LOST_RAD:
+            return
+        joint = self._chain.joints[int(np.argmax(behind))].name
+        self.stop()
+        raise DeviceError(
+            f"{self.name} stopped by itself: {joint} is held back by {np.rad2deg(behind.max()):.1f} deg: something is "
+            "in the way. Free the arm, then go on from where it stands"
+        )
+
     def _stand_still(self, goal: Array) -> None:
         """The controller's integral part takes the rest of the error away."""
         data, rows, speeds = self._world.data, self._q_rows, self._v_rows
@@ -239,6 +255,7 @@ class SimulatedRobot:
             error = goal + self._play - data.qpos[rows]
             if np.abs(error).max() < 2e-6 and np.abs(data.qvel[speeds]).max() < 2e-4:
                 break
+            self._feel(np.abs(error))
             # Bounded: a tool that presses on something is not driven into it.
             self._correction = np.clip(self._correction + 0.03 * error, -0.004, 0.004)
             self._send(goal, still)
@@ -265,12 +282,16 @@ class SimulatedRobot:
         if self._twist is None:
             return
         step = self._world.step_s
-        J = self._chain.jacobian(self._target)
-        gram = J @ J.T + 1e-6 * np.eye(6)  # near a singular arm the motion is slow instead of wild
-        rate = J.T @ np.linalg.solve(gram, self._twist)
-        rate /= max(1.0, float(np.max(np.abs(rate) / self._arm.speeds)))
+        if self._ticks % _CONTROL_STEPS == 0:
+            J = self._chain.jacobian(self._target)
+            gram = J @ J.T + 1e-6 * np.eye(6)  # near a singular arm the motion is slow instead of wild
+            rate = J.T @ np.linalg.solve(gram, self._twist)
+            self._rate = rate / max(1.0, float(np.max(np.abs(rate) / self._arm.speeds)))
+            ahead = self._target + _CONTROL_STEPS * step * self._rate
+            self._low = self.workspace.below_table(self._chain.forward(ahead))
+        self._ticks += 1
+        rate, low = self._rate, self._low
         wanted = self._target + step * rate
-        low = self.workspace.below_table(self._chain.forward(wanted))
         beyond = not self._chain.within_limits(wanted)
         if low is not None or beyond:
             self._twist = None

@@ -12,11 +12,10 @@ from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.data import DeviceCalibration, Picture
 from calibrant.errors import DeviceError
-from calibrant.geometry import se3
 from calibrant.simulate.robot_cell.parts.spec import CellCamera
 from calibrant.simulate.robot_cell.pictures.lens import LensMap, lens_map
 from calibrant.simulate.robot_cell.pictures.sensors import NoiseBank, noisy_colour, noisy_depth
-from calibrant.simulate.robot_cell.pictures.sheets import Sheet, draw_sheet
+from calibrant.simulate.robot_cell.pictures.sheets import Eye, Sheet, draw_sheet
 from calibrant.simulate.robot_cell.pictures.views import PinholeView, Renderer
 from calibrant.simulate.robot_cell.world.light import Light
 
@@ -125,13 +124,9 @@ class SimulatedCamera:
         lens = self._colour_map
         drawn, deep = self._renderer.colour_and_depth(PinholeView(lens.K, lens.size, T))
         picture, depth = lens.colour(drawn), lens.depth(deep)
-        R_camera_base = T[:3, :3].T
+        eye = Eye(self.true.colour, lens, T, self._light)
         for sheet in self._sheets():
-            T_camera_sheet = se3.inverse(T) @ self._world.pose(sheet.body)
-            picture = draw_sheet(
-                picture, depth, sheet, T_camera_sheet,
-                camera=self.true.colour, rays=lens.rays, light=self._light, R_camera_base=R_camera_base,
-            )  # fmt: skip
+            draw_sheet(picture, depth, sheet, self._world.pose(sheet.body), eye)
         return noisy_colour(picture, self._spec.noise, self._bank)
 
     def _depth(self) -> NDArray[np.float32]:

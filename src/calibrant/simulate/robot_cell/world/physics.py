@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibrant.arrays import Array
-from calibrant.errors import InputError
+from calibrant.errors import DeviceError, InputError
 from calibrant.geometry import so3
 from calibrant.simulate.robot_cell.world.engine import need_mujoco, pose_of
 
@@ -21,11 +21,17 @@ _BELT_PERIOD = 0.5
 """Metres after which the belt is set back: it looks and feels the same everywhere."""
 
 
+def _said_by_step(_: str) -> None:
+    """A warning of MuJoCo's."""
+
+
 class World:
     """A MuJoCo model in motion. Bodies, joints and geoms are asked for by name."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self._mujoco = need_mujoco()
+        # MuJoCo would write its warnings to a file in the working directory; `step` looks for what they warn of.
+        self._mujoco.set_mju_user_warning(_said_by_step)
         self.model = model
         self.data = self._mujoco.MjData(model)
         self.belt_speed = 0.0
@@ -48,7 +54,13 @@ class World:
         """One step of physics, then what was asked for at every step."""
         if self.belt_speed:
             self._run_belt()
+        before = self.data.time
         self._mujoco.mj_step(self.model, self.data)
+        if self.data.time <= before:  # MuJoCo has set the world back to its beginning
+            raise DeviceError(
+                f"the simulated cell came apart after {before:.2f} s: something was placed inside another thing, or "
+                "moved by force; make the cell anew"
+            )
         self._behind = True
         for hook in self._hooks:
             hook(self.time_s)
@@ -108,14 +120,11 @@ class World:
         self.model.geom_rgba[self._geom(geom), 3] = float(visible)
 
     def joint_rows(self, names: list[str]) -> tuple[Array, Array, Array]:
-        """Rows in qpos, in qvel and in ctrl of joints that have a servo of the same name."""
+        """Rows in qpos, in qvel and in ctrl of the joints of these servos."""
         model = self.model
-        joints = [model.joint(n) for n in names]
-        return (
-            np.array([int(j.qposadr[0]) for j in joints]),
-            np.array([int(j.dofadr[0]) for j in joints]),
-            np.array([model.actuator(n).id for n in names]),
-        )
+        servos = np.array([model.actuator(n).id for n in names])
+        joints = model.actuator_trnid[servos, 0]
+        return model.jnt_qposadr[joints].copy(), model.jnt_dofadr[joints].copy(), servos
 
     def _show(self, body: str, alpha: float) -> None:
         self.model.geom_rgba[self._geom(body), 3] = alpha

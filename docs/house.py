@@ -10,8 +10,10 @@ imports one of b, inside functions too. Rooms on a line need nothing of each oth
 from __future__ import annotations
 
 import ast
+import gc
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -32,6 +34,14 @@ def module_name(file: Path) -> str:
     """Dotted name below `calibrant`, of a folder for its __init__.py; "" for the package itself."""
     parts = file.relative_to(PACKAGE).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+@cache
+def parsed(file: Path) -> ast.Module:
+    """A file's tree, parsed once for all who look at the house."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    gc.freeze()  # a million nodes that stay: looking for garbage among them costs more than parsing them again
+    return tree
 
 
 def named_imports(tree: ast.AST, package: str) -> Iterator[str]:
@@ -70,7 +80,7 @@ def modules() -> Graph:
     for name, file in files.items():
         package = f"calibrant.{name}" if file.name == "__init__.py" else f"calibrant.{name}".rpartition(".")[0]
         used: set[str] = set()
-        for full in named_imports(ast.parse(file.read_text(encoding="utf-8")), package.rstrip(".")):
+        for full in named_imports(parsed(file), package.rstrip(".")):
             target = _module_of(full, files)
             if target is not None:
                 # Python runs the folders' __init__ before a module, but for those that the importing one lies in.
@@ -210,7 +220,7 @@ def purpose(room: str) -> str:
     """First line of what a room says of itself, without its floor."""
     folder = PACKAGE / room
     file = folder / "__init__.py" if folder.is_dir() else folder.with_suffix(".py")
-    text = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
+    text = ast.get_docstring(parsed(file)) or ""
     line = text.splitlines()[0].rstrip(".")
     floor, colon, rest = line.partition(": ")
     return rest[:1].upper() + rest[1:] if colon and floor.startswith("Floor ") else line

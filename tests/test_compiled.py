@@ -13,6 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from docs.house import parsed
 from numba import types
 from tests.detection.chessboard_pictures import Lens, facing, picture
 
@@ -135,7 +136,7 @@ def test_machine_code_of_several_processes_gives_the_same_digits(tmp_path: Path,
 def compiled_functions() -> Iterator[tuple[str, ast.FunctionDef]]:
     """Every kernel, as it is written, with the name of its file."""
     for file in PACKAGE.rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text())):
+        for node in ast.walk(parsed(file)):
             decorators = [ast.unparse(d) for d in getattr(node, "decorator_list", ())]
             if isinstance(node, ast.FunctionDef) and any(d.startswith(("compiled", "njit")) for d in decorators):
                 yield file.name, node
@@ -198,7 +199,7 @@ def test_kernels_copy_arrays_by_element() -> None:
 def test_where_sums_may_be_reordered_there_is_no_power() -> None:
     found = []
     for file in PACKAGE.rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text())):
+        for node in ast.walk(parsed(file)):
             if isinstance(node, ast.FunctionDef) and any("fastmath" in ast.unparse(d) for d in node.decorator_list):
                 found += [f"{file.name}: {node.name}" for part in ast.walk(node) if isinstance(part, ast.Pow)]
     assert not found

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from docs.house import parsed
 
 import calibrant
 from calibrant.advice import python_door
@@ -32,7 +33,7 @@ def test_advice_names_options_that_there_are() -> None:
     for path in sorted(PACKAGE.rglob("*.py")):
         if path.relative_to(PACKAGE).as_posix() in OTHERS:
             continue
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(parsed(path)):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*[a-z]\b(?!-)", node.value)) - known
                 strange += [f"{path.relative_to(PACKAGE)}:{node.lineno}: {flag}" for flag in sorted(named)]
@@ -102,7 +103,7 @@ def test_classes_that_python_uses_name_no_option(room: str) -> None:
     said = [
         f"{path.relative_to(PACKAGE)}:{node.lineno}: {node.exc and ast.unparse(node.exc)}"
         for path in sorted((PACKAGE / room).rglob("*.py"))
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for node in ast.walk(parsed(path))
         if isinstance(node, ast.Raise) and node.exc and re.search(r"(?<![\w-])--[a-z]", ast.unparse(node.exc))
     ]
     assert not said, "\n".join(said)

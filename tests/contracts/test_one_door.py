@@ -6,6 +6,8 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
+from docs.house import parsed
+
 import calibrant
 
 PACKAGE = Path(calibrant.__file__).parent
@@ -29,7 +31,7 @@ ALLOWED = {
 
 def openings(file: Path) -> Iterator[tuple[int, str]]:
     """Line and name of every call that opens a file by itself."""
-    tree = ast.parse(file.read_text(encoding="utf-8"))
+    tree = parsed(file)
     door = {
         alias.asname or alias.name
         for node in ast.walk(tree)

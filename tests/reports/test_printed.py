@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -127,3 +128,14 @@ def test_weasyprint_prints_it_too(fifty: CalibrationResult, tmp_path: Path, monk
     monkeypatch.setattr(printed, "browser", lambda: None)
     made = write_report(fifty, tmp_path / "report.pdf").read_bytes()
     assert made.startswith(b"%PDF-")
+
+
+def test_weasyprint_without_what_it_draws_with_is_a_refusal(
+    fifty: CalibrationResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "weasyprint.py").write_text("raise OSError('cannot load library libpango-1.0-0')\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "weasyprint", raising=False)
+    monkeypatch.setattr(printed, "browser", lambda: None)
+    with pytest.raises(InputError, match=r"libpango-1\.0-0.*install Pango"):
+        write_report(fifty, tmp_path / "report.pdf")

@@ -64,8 +64,14 @@ def _by_browser(program: str, html: str) -> bytes:
 
 
 def _by_weasyprint(html: str) -> bytes:
-    from weasyprint import HTML
-    from weasyprint.urls import URLFetcher
+    try:
+        from weasyprint import HTML
+        from weasyprint.urls import URLFetcher
+    except OSError as error:
+        raise InputError(
+            f"WeasyPrint does not find what it draws with ({str(error)[:80]}): install Pango (Debian: libpango-1.0-0 "
+            "libpangoft2-1.0-0), or Chromium; or write the report as .html and print it from a browser"
+        ) from error
 
     # Nothing but what the page holds is fetched.
     made: bytes = HTML(string=_coloured(html), url_fetcher=URLFetcher(allowed_protocols=("data",))).write_pdf()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -52,3 +53,20 @@ def test_a_scene_without_light_is_said(calibration: Path, tmp_path: Path) -> Non
     dark = np.random.default_rng(0).integers(4, 9, size=capture().pictures.shape).astype(np.uint8)
     with pytest.raises(InputError, match="the projector's light does not reach what the camera sees"):
         cb.scan(calibration, capture=written(tmp_path / "dark", dark))
+
+
+@pytest.mark.long
+def test_figures_on_real_captures(shared_data: Callable[[str], Path]) -> None:
+    """The public tool says 0.404 px with all terms, 645 mm and k3 = -68; its board is as flat as the camera says."""
+    captures = shared_data("procam_kamino_graycode")
+    result = cb.projector_calibrate(
+        captures=captures / "capture_*", projector_size="1024x768", target="chessboard:7x9:75mm"
+    )
+    assert result.rms_px is not None
+    assert result.rms_px < 0.311
+    T = result.transform("camera", "projector")
+    assert 1e3 * np.linalg.norm(T.matrix[:3, 3]) == pytest.approx(672, abs=8)
+    flat = result.check("board-flatness")
+    assert flat.status == "ok"
+    assert flat.value is not None
+    assert flat.value < 0.6  # the camera's own pictures bend it by 0.36 mm

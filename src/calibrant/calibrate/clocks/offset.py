@@ -172,10 +172,7 @@ def _from(
         seed = SOLVERS["park"].solve(place.normal_form(spline.pose(t + start)), seen)
     except RefusedError as error:
         raise RefusedError(f"the motion does not determine the offset together with the camera: {error}") from error
-    factors = tuple(
-        _LoopFactor(noise, spline, t, seen, inverted=place.robot_inverted, noise=noise)
-        for noise in (LOOP_ROTATION, LOOP_TRANSLATION)
-    )
+    factors = loop_factors(place, spline, t, seen)
     variables = (
         Variable("X", SE3(), seed.X[None]),
         Variable("Z", SE3(), seed.Z[None]),
@@ -189,6 +186,14 @@ def _from(
     # What the robot's samples are off by is shared by the camera samples between two knots, and those some knots on.
     lags = int(np.ceil(6 * spline.spacing / np.median(np.diff(t_camera))))
     return _offset_answer(place, spline, factors, estimate, correlation, used, lags)
+
+
+def loop_factors(place: Setup, spline: PoseSpline, t: Array, B: Array) -> tuple[_LoopFactor, ...]:
+    """The residuals of the loop, rotations and translations, at moments t (n,) of the camera's clock."""
+    return tuple(
+        _LoopFactor(noise, spline, t, B, inverted=place.robot_inverted, noise=noise)
+        for noise in (LOOP_ROTATION, LOOP_TRANSLATION)
+    )
 
 
 def _offset_answer(

@@ -1,102 +1,173 @@
-"""Is the board flat? Camera and projector triangulate every corner of every capture; a bend is alike in all of them.
+"""Is the board flat? All pictures of camera and projector fitted once more, with a bend of the board beside the rest.
 
-On the board's own pose, as the calibration of flat boards has it, the heights of a capture's corners are
+    z = a (1 - x^2) + b x y + c (1 - y^2),    x and y in -1 ... 1 across the board,
 
-    z = p (1, x, y) + a (1 - x^2) + b x y + c (1 - y^2),    x and y in -1 ... 1 across the board,
-
-and a, b, c of all captures scatter about the board's own: their mean over its sigma is Student's t. Lenses that are too
-simple bend each capture in another way, by where it is in the picture. A bend has taken poses and lenses along where
-few captures hold them, so that what is left of it is the least that it can be.
+is the same in every capture, while lenses, poses and the place of the projector are free again: one step of
+Gauss-Newton from the calibration, each eye's residuals over their own rms, the terms that boards hardly tell held as
+there. What triangulated corners alone would say is no measure of it: a lens that errs where all boards were bends them
+alike. How sure it is says the jackknife: the step without each capture in turn. A bend is told where Student's t of
+one of the three is beyond chance.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from calibrant.arrays import Array
+from calibrant.calibrate.reprojection.weak_terms import weak_terms_information
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Check, View
 from calibrant.geometry import se3
-from calibrant.geometry.triangulation import refine_points, triangulate
 from calibrant.optimize.chances import t_tail
 
 NAME = "board-flatness"
 CHANCE = 0.01
 """One of a hundred flat boards scatters so, the three ways to bend counted; by as much as `LEAST_BEND` fewer do."""
-LEAST_CAPTURES = 4
+LEAST_CAPTURES = 5
+"""Four leave-outs may be alike by chance, whatever the board is."""
 LEAST_CORNERS = 12
 LEAST_BEND = 5e-4
 """Of the board's longer side: less is how flat printed boards are, and moves a calibration by less than it states."""
+_STEP = 1e-6
+"""Of the central differences: metres and radians, and of each parameter's size."""
+_FARTHEST = 4.0
+"""Sigmas from which a corner was left out of the calibration, too."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Eye:
+    """A lens, where it stands to the camera, its views by capture, and the columns of its free parameters."""
+
+    lens: Camera
+    T_camera_eye: Array
+    views: dict[str, View]
+    free: tuple[int, ...]
 
 
 def flatness_check(result: CalibrationResult, *, camera: str, projector: str, alone: bool) -> Check | None:
-    """Whether the board is bent, by the heights of its corners; None where too few captures tell."""
-    modes = _modes(result, camera=camera, projector=projector)
-    if modes is None:
+    """Whether the board is bent, by all pictures of both; None where too few captures tell."""
+    found = bends(result, camera=camera, projector=projector)
+    if found is None:
         return None
-    bends, side = modes
+    shape, C, n, side = found
     name = NAME if alone else f"{NAME}-{projector}"
-    n = len(bends)
-    mean = bends.mean(axis=0)
-    C = np.atleast_2d(np.cov(bends.T)) / n
     shapes = _shapes()
-    heights = shapes @ mean
+    heights = shapes @ shape
     across = shapes[int(np.argmax(heights))] - shapes[int(np.argmin(heights))]
     size, sigma = float(np.ptp(heights)), float(np.sqrt(across @ C @ across))
-    t = np.abs(mean) / np.maximum(np.sqrt(np.diag(C)), 1e-12)
+    t = np.abs(shape) / np.maximum(np.sqrt(np.diag(C)), 1e-12)
     chance = float(min(1.0, 3 * 2 * np.min(t_tail(n - 1, t))))
-    told = f"{1e3 * size:.2g} ± {1e3 * sigma:.1g} mm from highest to lowest corner, alike in {n} captures"
+    told = f"{1e3 * size:.2g} ± {1e3 * sigma:.1g} mm from highest to lowest corner"
     if chance > CHANCE or size < LEAST_BEND * side:
         return Check(name, "ok", f"the board is flat as far as camera and projector tell: {told}", 1e3 * size)
-    word = "twisted" if abs(mean[1]) > max(abs(mean[0]), abs(mean[2])) else "bent"
+    word = "twisted" if abs(shape[1]) > max(abs(shape[0]), abs(shape[2])) else "bent"
     message = (
-        f"the board is {word}: its corners, triangulated by camera and projector, are {told}. Lenses and poses bend "
-        "with it: what looks like a lens model that does not fit, or like keystone, may be the board. Fix it to a "
-        "stiff plate"
+        f"the board is {word}: all pictures of camera and projector fit best with {told}, alike in {n} captures. "
+        "Lenses and poses bend with it: what looks like a lens model that does not fit, or like keystone, may be the "
+        "board. Fix it to a stiff plate"
     )
     return Check(name, "warn", message, 1e3 * size)
 
 
-def _modes(result: CalibrationResult, *, camera: str, projector: str) -> tuple[Array, float] | None:
-    """a, b, c (n, 3) of every capture, metres, and the board's longer side."""
+def bends(result: CalibrationResult, *, camera: str, projector: str) -> tuple[Array, Array, int, float] | None:
+    """a, b, c (3,), metres, their covariance (3, 3), how many captures told, and the board's longer side."""
     between = [t.matrix for t in result.transforms if (t.parent, t.child) == (camera, projector)]
     if result.observations is None or not between:
         return None
     used = {(v.camera, v.id) for v in result.views if v.used}
-    pose = {v.id: v.T_camera_target for v in result.views if v.camera == camera}
-    seen: dict[str, list[View]] = {
-        name: [v for v in result.observations.views if v.camera == name and (name, v.id) in used]
-        for name in (camera, projector)
-    }
-    every = np.concatenate([v.points[:, :2] for v in seen[camera]]) if seen[camera] else np.zeros((0, 2))
-    if not len(every) or float(np.ptp(every, axis=0).min()) <= 0:
+    poses = {v.id: v.T_camera_target for v in result.views if v.camera == camera and v.T_camera_target is not None}
+    seen = [v for v in result.observations.views if (v.camera, v.id) in used and len(v) >= LEAST_CORNERS]
+    lit = {v.moment: v for v in seen if v.camera == projector}
+    mine = {v.moment: v for v in seen if v.camera == camera and v.id in poses and v.moment in lit}
+    if len(mine) < LEAST_CAPTURES:
         return None
+    every = np.concatenate([v.points[:, :2] for v in mine.values()])
     low, high = every.min(axis=0), every.max(axis=0)
-    eyes = result.cameras[camera], result.cameras[projector]
-    out = []
-    lit = {v.moment: v for v in seen[projector]}
-    for view in seen[camera]:
-        T_camera_target = pose.get(view.id)
-        if T_camera_target is None or view.moment not in lit:
-            continue
-        p = se3.apply(se3.inverse(T_camera_target), _triangulated(view, lit[view.moment], eyes, between[0]))
-        p = p[np.isfinite(p).all(axis=1)]
-        x, y = 2 * (p[:, 0] - low[0]) / (high[0] - low[0]) - 1, 2 * (p[:, 1] - low[1]) / (high[1] - low[1]) - 1
-        A = np.stack([np.ones(len(p)), x, y, 1 - x * x, x * y, 1 - y * y], axis=1)
-        if len(p) >= LEAST_CORNERS and np.linalg.matrix_rank(A) == A.shape[1]:
-            out.append(np.linalg.lstsq(A, p[:, 2])[0][3:])
-    return (np.array(out), float((high - low).max())) if len(out) >= LEAST_CAPTURES else None
+    if float((high - low).min()) <= 0:
+        return None
+    eyes = (
+        _eye(result.cameras[camera], np.eye(4), mine),
+        _eye(result.cameras[projector], between[0], {m: lit[m] for m in mine}),
+    )
+    of_each = [(m, poses[view.id]) for m, view in mine.items()]
+    rows = [_linear(eyes, T, m, (k, len(mine)), (low, high)) for k, (m, T) in enumerate(of_each)]
+    prior = _prior(eyes, rows[0][0].shape[1])
+    whole = _solved(rows, prior)
+    without = np.array([_solved([r for j, r in enumerate(rows) if j != k], prior) for k in range(len(rows))])
+    n = len(rows)
+    d = without - without.mean(axis=0)
+    return whole, (n - 1) / n * d.T @ d, n, float((high - low).max())
 
 
-def _triangulated(seen: View, lit: View, eyes: tuple[Camera, Camera], T_camera_projector: Array) -> Array:
-    """The corners (n, 3) that both have, camera frame, metres."""
-    _, i, j = np.intersect1d(seen.point_ids, lit.point_ids, return_indices=True)
-    T = np.stack([np.eye(4), T_camera_projector])
-    rays = np.stack([eyes[0].unproject(seen.uv[i]), eyes[1].unproject(lit.uv[j])])
-    rays = rays[:, np.isfinite(rays).all(axis=(0, 2))]
-    if rays.shape[1] < LEAST_CORNERS:
-        return np.zeros((0, 3))
-    return refine_points(triangulate(rays, T_world_camera=T), rays, T_world_camera=T)
+def _eye(lens: Camera, T_camera_eye: Array, views: dict[str, View]) -> _Eye:
+    free = tuple(j for j, name in enumerate(lens.model.parameter_names) if lens.sigma.get(name, 0.0) > 0)
+    return _Eye(lens, T_camera_eye, views, free)
+
+
+def _linear(
+    eyes: tuple[_Eye, _Eye], T_camera_target: Array, moment: str, at_of: tuple[int, int], ends: tuple[Array, Array]
+) -> tuple[Array, Array]:
+    """Rows of one capture, the k-th of n (at_of), over their rms: derivatives after (bend 3, lenses, place of the
+    projector 6, poses 6 n), and observed less predicted."""
+    k, n = at_of
+    lenses = [len(eye.free) for eye in eyes]
+    first, place = (3, 3 + lenses[0]), 3 + sum(lenses)
+    pose = place + 6 + 6 * k
+    A_all, r_all = [], []
+    for i, eye in enumerate(eyes):
+        view = eye.views[moment]
+        bend = _heights(view.points, *ends)
+
+        def pixels(x: Array, lens: Array, eye: _Eye = eye, view: View = view, bend: Array = bend) -> Array:
+            T = se3.inverse(se3.retract(eye.T_camera_eye, x[9:])) @ se3.retract(T_camera_target, x[3:9])
+            p = view.points + np.outer(bend @ x[:3], [0.0, 0.0, 1.0])
+            return np.asarray(eye.lens.model.project(lens, se3.apply(T, p))).ravel()
+
+        x0, at = np.zeros(15), eye.lens.values
+        A = np.zeros((view.uv.size, place + 6 + 6 * n))
+        steps = [_STEP * np.eye(15)[j] for j in range(15)]
+        found = np.stack([(pixels(s, at) - pixels(-s, at)) / (2 * _STEP) for s in steps], axis=1)
+        A[:, :3], A[:, pose : pose + 6] = found[:, :3], found[:, 3:9]
+        if i:
+            A[:, place : place + 6] = found[:, 9:]
+        for column, j in enumerate(eye.free):
+            h = _STEP * max(abs(at[j]), 1.0) * np.eye(len(at))[j]
+            A[:, first[i] + column] = (pixels(x0, at + h) - pixels(x0, at - h)) / (2 * h[j])
+        r = view.uv.ravel() - pixels(x0, at)
+        off = np.linalg.norm(r.reshape(-1, 2), axis=1)
+        rms = float(np.median(off)) / np.sqrt(np.log(4.0))  # per axis: the median of Rayleigh's distribution
+        keep = np.repeat(np.isfinite(off) & (off <= _FARTHEST * max(rms, 1e-9)), 2)
+        A_all.append(A[keep] / max(rms, 1e-9))
+        r_all.append(r[keep] / max(rms, 1e-9))
+    return np.concatenate(A_all), np.concatenate(r_all)
+
+
+def _prior(eyes: tuple[_Eye, _Eye], columns: int) -> tuple[Array, Array]:
+    """What lenses do, where the boards tell hardly: rows and what they ask for."""
+    A_all, r_all, first = [], [], 3
+    for eye in eyes:
+        W = weak_terms_information(eye.lens)
+        A = np.zeros((len(W), columns))
+        A[:, first : first + len(eye.free)] = W[:, list(eye.free)]
+        A_all.append(A)
+        r_all.append(-W @ eye.lens.values)
+        first += len(eye.free)
+    return np.concatenate(A_all), np.concatenate(r_all)
+
+
+def _solved(rows: list[tuple[Array, Array]], prior: tuple[Array, Array]) -> Array:
+    """The bend (3,) of the least squares of these captures; columns are scaled to be alike in size."""
+    A, r = (np.concatenate(part) for part in zip(*rows, prior))
+    scale = np.maximum(np.linalg.norm(A, axis=0), 1e-12)
+    return np.asarray((np.linalg.lstsq(A / scale, r)[0] / scale)[:3])
+
+
+def _heights(points: Array, low: Array, high: Array) -> Array:
+    """What a bend of 1 raises points by, (n, 3)."""
+    x, y = (2 * (points[:, :2] - low) / (high - low) - 1).T
+    return np.stack([1 - x * x, x * y, 1 - y * y], axis=1)
 
 
 def _shapes() -> Array:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from calibrant.arrays import Array
     from calibrant.calibrate.clocks.offset import TimeOffset
     from calibrant.cameras import Camera
-    from calibrant.data import Observations
+    from calibrant.data import Observations, View
 
 LEAST_HZ, MOST = 10.0, 600
 """Of more pictures than these every n-th is searched, as long as so many a second are left: turns are compared over a
@@ -24,11 +24,19 @@ tenth of a second."""
 
 @dataclass(frozen=True, eq=False)
 class SeenMotion:
-    """times (n,), seconds since 1970, and T_camera_target (n, 4, 4) of the pictures that show the board."""
+    """times (n,), seconds since 1970, and T_camera_target (n, 4, 4) of the pictures that show the board, in views (n,),
+    to the camera."""
 
     times: Array
     T: Array
     camera: Camera
+    views: tuple[View, ...] = ()
+
+    def by(self, camera: Camera) -> Array:
+        """T_camera_target (n, 4, 4) by another camera."""
+        from calibrant.calibrate.pose.target_poses import target_poses
+
+        return target_poses(camera, list(self.views)).T_camera_target
 
 
 def thinned(recorded: Recorded) -> Recorded:
@@ -62,14 +70,17 @@ def seen_motion(
     T = target_poses(lens, views).T_camera_target
     order = np.argsort(times, kind="stable")
     times, first = np.unique(times[order], return_index=True)
-    return SeenMotion(times, T[order][first], lens)
+    kept = [int(i) for i in order[first]]
+    return SeenMotion(times, T[kept], lens, tuple(views[i] for i in kept))
 
 
 def clock_offset(robot: RobotMotion, seen: SeenMotion, *, setup: str, largest: float) -> tuple[TimeOffset, str]:
-    """The offset, and the setup it was found in: with "auto" the one in which the loop closes better.
+    """The offset, what an error of the lens does to it in its sigma, and the setup it was found in: with "auto" the one
+    in which the loop closes better.
 
     Raises: InputError, RefusedError as `estimate_time_offset`.
     """
+    from calibrant.calibrate.clocks.lens import with_lens_error
     from calibrant.calibrate.clocks.offset import estimate_time_offset
     from calibrant.calibrate.solvers.setup import SETUPS
 
@@ -89,4 +100,11 @@ def clock_offset(robot: RobotMotion, seen: SeenMotion, *, setup: str, largest: f
         found.append((answer, place))
     if not found:
         raise failures[0]
-    return min(found, key=lambda pair: pair[0].misfit)
+    best, place = min(found, key=lambda pair: pair[0].misfit)
+    if not seen.views:
+        return best, place
+    of_robot = {"robot_times": motion.times - origin, "T_base_gripper": motion.T}
+    return (
+        with_lens_error(best, seen.camera, seen.by, camera_times=seen.times - origin, setup=place, **of_robot),
+        place,
+    )

@@ -59,7 +59,8 @@ def still_pictures(robot: RobotMotion, recorded: Recorded, *, offset: float) -> 
     room = min(min(t[k] - a, b - t[k]) for k, a, b in kept)
     words = (
         f"{len(keep)} still moments of {robot.words}, a picture of each, {1e3 * room:.0f} ms or more within its "
-        "moment: clocks that differ by less change nothing"
+        "moment: clocks that differ by less change nothing. By how much they differ is not found from still moments; "
+        "pictures on the move tell it (calibrant time-offset --bag, or --moments moving)"
     )
     return StillPictures(recorded.only(keep), motion.at(t[keep]), words)
 

@@ -1,0 +1,1 @@
+"""Surfaces of objects as triangles: STL and OBJ files."""

@@ -69,6 +69,8 @@ if TYPE_CHECKING:
     from calibrant.tasks.verbs import ros_launch as ros_launch
     from calibrant.tasks.verbs import ros_run as ros_run
     from calibrant.tasks.verbs import scan as scan
+    from calibrant.tasks.verbs import servo_run as servo_run
+    from calibrant.tasks.verbs import servo_teach as servo_teach
     from calibrant.tasks.verbs import stereo as stereo
     from calibrant.tasks.verbs import study_methods as study_methods
     from calibrant.tasks.verbs import target as target
@@ -158,6 +160,8 @@ _PUBLIC = {
     "verify_touch": ("calibrant.tasks.verbs", "verify_touch"),
     "verify_unchanged": ("calibrant.tasks.verbs", "verify_unchanged"),
     "verify_watch": ("calibrant.tasks.verbs", "verify_watch"),
+    "servo_teach": ("calibrant.tasks.verbs", "servo_teach"),
+    "servo_run": ("calibrant.tasks.verbs", "servo_run"),
     "write_report": ("calibrant.reports.html", "write_report"),
 }
 

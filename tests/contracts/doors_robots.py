@@ -95,6 +95,13 @@ def _dynamic(files: Files) -> Options:
     }
 
 
+def _servo_teach(files: Files) -> Options:
+    """One photo of the calibration stands for the wanted place."""
+    hand = files.folder / "hand.json"
+    cb.hand_eye(images=files.images, poses=files.poses, target=TARGET, camera=files.camera).write(hand)
+    return {"result": hand, "images": [files.images / "02.png"], "target": TARGET}
+
+
 def _tool_touch(files: Files) -> Options:
     rng = np.random.default_rng(0)
     R = DOWN @ so3.exp(0.5 * rng.uniform(-1, 1, (6, 3)))
@@ -150,6 +157,7 @@ ROBOT_CASES: Mapping[str, Callable[[Files], Mapping[str, Any]]] = {
     "next-pose": _next_pose,
     "time-offset": _time_offset,
     "dynamic": _dynamic,
+    "servo teach": _servo_teach,
     "tool touch": _tool_touch,
     "tool seen": _tool_seen,
     "tool self-visibility": _tool_self_visibility,

@@ -61,11 +61,13 @@ from calibrant.data.details import (
     RobotParameter,
     RobotParameters,
     RollingShutter,
+    ServoTrace,
     SharedErrors,
     SharedMoments,
     StereoGeometry,
     TaskRun,
     TaskRuns,
+    TaughtFeatures,
     TouchedPoint,
     TriangulatedEdges,
     ViewDeviation,
@@ -81,6 +83,7 @@ from calibrant.data.details_comparison import (
     TransformComparison,
 )
 from calibrant.data.details_projector import ProjectorCapture, ProjectorCaptures
+from calibrant.data.details_servoing import ServoSample
 from calibrant.data.result_file import read_observations, read_result, write_observations, write_result
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
@@ -127,6 +130,26 @@ def details() -> tuple[object, ...]:
         ),
         Deviations((ViewDeviation("0", 1 / 3, 0.1, 0.1, 0.2), ViewDeviation("1"))),
         TouchedPoint((1 / 3, 2.0, 3.0), {"0": 0.1}),
+        TaughtFeatures(
+            "marker",
+            "eye-in-hand",
+            (640, 480),
+            (3, 4),
+            ((0.1, 1 / 3), (2.0, 3.0)),
+            (0.1, 0.2),
+            (0.5, 1 / 7),
+            ((0.0, 0.1, 0.0), (1 / 3, 0.0, 0.0)),
+            ((1.0, 0.0, 0.0, 0.1),),
+            "picture",
+            40,
+        ),
+        ServoTrace(
+            "image",
+            (
+                ServoSample(0.1, False, 1 / 3, 2.0, 0.1, 0.01, 0.02, 1.2, 30.0, 1 / 7, 0.3, ("the range of joint 2",)),
+                ServoSample(0.2, True, 0.1, 0.2, 0.1, 0.01, 0.02, 0.0, 0.0, 0.0),
+            ),
+        ),
         PictureRegion(1, 2, 30, 40),
         MarkedPoints(1 / 3, {"0": (3, 17)}),
         ViewPlan(

@@ -36,7 +36,7 @@ ORDER = (
         "doctor",
     ),
     *("kinematics", "next-pose", "time-offset", "dynamic", "vanishing", "undistort", "rectify", "depth", "epipolar"),
-    *("point", "scan", "report", "compare", "convert", "project", "verify", "tool", "ros", "study"),
+    *("point", "scan", "report", "compare", "convert", "project", "verify", "servo", "tool", "ros", "study"),
 )
 """How the list of commands is sorted: as a person meets them. All are in it."""
 INTERRUPTED = "interrupted; no result was written"

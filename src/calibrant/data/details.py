@@ -15,6 +15,7 @@ from calibrant.data.details_projector import ProjectorCaptures
 from calibrant.data.details_rig import CameraClock as CameraClock
 from calibrant.data.details_rig import CameraClocks as CameraClocks
 from calibrant.data.details_rig import SharedMoments as SharedMoments
+from calibrant.data.details_servoing import ServoTrace, TaughtFeatures
 from calibrant.data.details_stereo import EpipolarErrors as EpipolarErrors
 from calibrant.data.details_stereo import EpipolarMatrices as EpipolarMatrices
 from calibrant.data.details_stereo import PairErrors as PairErrors
@@ -387,6 +388,8 @@ DETAILS: Mapping[str, type] = {
     "epipolar_matrices": EpipolarMatrices,
     "projector_captures": ProjectorCaptures,
     "comparison": Comparison,
+    "taught_features": TaughtFeatures,
+    "servo_trace": ServoTrace,
     "watching": Watching,
     "task_runs": TaskRuns,
 }

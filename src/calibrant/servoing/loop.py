@@ -13,13 +13,14 @@ from math import inf
 from typing import NoReturn
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibrant.arrays import Array
 from calibrant.cancel import checkpoint
 from calibrant.data import Robot
 from calibrant.errors import InputError, RefusedError
 from calibrant.servoing.laws.law import Law
-from calibrant.servoing.motion import Speeds, Step, step_of
+from calibrant.servoing.motion import Speeds, Step, recentred, step_of
 from calibrant.servoing.sight.eye import Eye, filled
 from calibrant.servoing.sight.features import CERTAIN, Features, Remaining, averaged, remaining, shared
 
@@ -32,6 +33,8 @@ SURE = 0.5
 noise."""
 MOST_CORRECTIONS = 20
 """At rest: one halves what remains and more, so that as many without an end are something else than noise."""
+AGAIN_S, SELF_SPEED = 3.0, 0.3
+"""An arm that moved within itself and is at a range's end again within seconds gains nothing by it."""
 LEAST_AT_REST = 3
 """Pictures of a mean: one alone may be smeared by the arm's swinging."""
 
@@ -141,6 +144,8 @@ class _Loop:
     best_at: float = 0.0
     corrections: int = 0
     before: Features | None = None
+    whole: bool = True
+    gave_way_at: float | None = None
 
     def run(self) -> ServoRun:
         if len(self.wanted) < self.law.least:
@@ -198,11 +203,31 @@ class _Loop:
 
     def _move(self, seen: Features, wanted: Features, left: Remaining, gain: float, *, resting: bool) -> None:
         pull = self.law.pull(seen, wanted, self._gripper_in_camera())
+        keep = seen if self.whole else seen.only(_inner(seen))
         step = step_of(
-            self.robot, self.eye.mounting, self.eye.camera, pull, seen, gain=gain, speeds=self.options.speeds
+            self.robot, self.eye.mounting, self.eye.camera, pull, seen, keep, gain=gain, speeds=self.options.speeds
         )
         self._noted(seen, wanted, left, gain, step, resting)
-        self.robot.drive(step.flange, seconds=self.options.period_s)
+        if any("range" in words for words in step.bounds) and self._gave_way():
+            return
+        try:
+            self.robot.drive(step.flange, seconds=self.options.period_s)
+        except RefusedError:
+            if not self._gave_way():
+                raise
+
+    def _gave_way(self) -> bool:
+        """An arm with a joint to spare moves within itself, away from the ends of its ranges; whether it did, once."""
+        if self.gave_way_at is not None and self.robot.time_s - self.gave_way_at < AGAIN_S:
+            return False
+        self.gave_way_at = self.robot.time_s
+        self.robot.stop()
+        joints = recentred(self.robot, self.robot.joints())
+        if joints is None:
+            return False
+        self.robot.move_joints(joints, speed=SELF_SPEED)
+        self.best_at = self.robot.time_s
+        return True
 
     def _looked(self) -> tuple[Features, Features]:
         """The features of the next picture that shows them. Raises: RefusedError after `patience` that do not."""
@@ -212,6 +237,7 @@ class _Loop:
             self.pictures += 1
             if not isinstance(found, str):
                 self.before = filled(found, self.wanted)
+                self.whole = self.eye.model is None or len(found) == len(self.eye.model.ids)
                 try:
                     return shared(self.before, self.wanted, least=self.law.least)
                 except RefusedError as error:
@@ -281,6 +307,12 @@ class _Loop:
         )  # fmt: skip
         self.samples.append(sample)
         self.heard(sample)
+
+
+def _inner(seen: Features) -> NDArray[np.int64]:
+    """Ids of the half nearest to the features' middle: of a board that is seen in part, what is to stay in view."""
+    away = np.linalg.norm(seen.uv - seen.uv.mean(axis=0), axis=1)
+    return seen.ids[np.argsort(away)[: max(len(seen) // 2, 4)]]
 
 
 def _words(left: Remaining) -> str:

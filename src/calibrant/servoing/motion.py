@@ -1,15 +1,16 @@
 """From the camera's wanted twist to a twist of the flange that the arm can make: joint limits, singularities, view.
 
-The joint rates are those of one small problem,
+The flange's twist is that of one small problem,
 
-    min |D (M J q' - xi)|^2 + mu^2 |q'|^2
+    min |D (M x - xi)|^2 + mu^2 |B x|^2,   q' = B x,   B = J^T (J J^T + mu^2)^-1
     subject to   q' within the joints' speeds, slowed down towards their ranges,
                  every feature that nears the picture's border: d(distance)/dt >= -k distance
 
-M the mounting, J the arm's Jacobian (by differences of the controller's own forward kinematics), D scaling turns by the
-target's distance. mu rises where the smallest singular value falls (Nakamura and Hanafusa 1986): singularities are
-passed with an error instead of a jump. Where the control law leaves twists free, the joints are led to the middle of
-their ranges with them: gradient projection (Liegeois 1977; Chaumette and Marchand 2001).
+M the mounting, J the arm's Jacobian (by differences of the controller's own forward kinematics), B how a controller
+shares a twist among its joints, D scaling turns by the target's distance. mu rises where the smallest singular value
+falls (Nakamura and Hanafusa 1986): singular poses are passed with an error instead of a jump. Where the control law
+leaves twists free, the joints are led to the middle of their ranges with them; an arm with more joints than it needs
+is led there at rest, its flange where it is: gradient projection (Liegeois 1977; Chaumette and Marchand 2001).
 """
 
 from __future__ import annotations
@@ -40,6 +41,12 @@ BORDER = 0.02
 """Of the picture's width: what features keep from its border, so that whole corners are seen."""
 RANGE_MARGIN = np.deg2rad(1.0)
 MIDDLE_GAIN = 0.2
+FREEDOM = 6
+"""Joints that a pose takes: with more, the arm can move within itself."""
+SELF_MOTION, SELF_STEP = 30, 0.1
+"""Steps towards the middle, each a tenth of the way: nine tenths in all."""
+SAME_POSE = 1e-5
+"""Metres and radians that the flange may be off after it."""
 
 
 @dataclass(frozen=True)
@@ -77,30 +84,53 @@ def step_of(
     camera: Camera,
     pull: Pull,
     seen: Features,
+    keep: Features,
     *,
     gain: float,
     speeds: Speeds,
 ) -> Step:
-    """The next motion. Raises: DeviceError when the robot does not answer."""
+    """The next motion. keep: features that stay in the picture. Raises: DeviceError when the robot is silent."""
     joints, limits = robot.joints(), robot.limits
     arm = flange_jacobian(robot, joints)
-    to_camera = mounting.camera_from_flange(robot.pose()) @ arm
+    to_camera = mounting.camera_from_flange(robot.pose())
     scale = np.r_[np.full(3, seen.middle_depth), np.ones(3)]
     asked = slowed(gain * pull.twist, speeds)
     middle = MIDDLE_GAIN * (limits.joints.mean(axis=1) - joints) * (np.ptp(limits.joints, axis=1) < 4 * np.pi)
-    asked = asked + pull.free @ slowed(to_camera @ middle, speeds)
-    smallest = float(np.linalg.svd(scale[:, None] * to_camera, compute_uv=False)[-1])
+    asked = asked + pull.free @ slowed(to_camera @ arm @ middle, speeds)
+    smallest = float(np.linalg.svd(scale[:, None] * to_camera @ arm, compute_uv=False)[-1])
     mu = LEAST_DAMPING + DAMPING * max(0.0, 1 - smallest / SINGULAR) ** 2
-    A = np.vstack([scale[:, None] * to_camera, mu * np.eye(len(joints))])
+    share = arm.T @ np.linalg.inv(arm @ arm.T + mu**2 * np.eye(6))
+    A = np.vstack([scale[:, None] * to_camera, mu * share])
     b = np.r_[scale * asked, np.zeros(len(joints))]
     G, h, words = bounds_of(limits, joints)
-    rows, low = view_bounds(camera, seen)
-    G, h = np.vstack([G, rows @ to_camera]), np.r_[h, low]
-    rates = least_squares_within(A, b, G, h)
-    held = np.flatnonzero(G @ rates <= h + 1e-6)
+    rows, low = view_bounds(camera, keep)
+    G, h = np.vstack([G @ share, rows @ to_camera]), np.r_[h, low]
+    flange = least_squares_within(A, b, G, h)
+    held = np.flatnonzero(G @ flange <= h + 1e-6)
     said = [words[i] if i < len(words) else "the picture's border" for i in held]
     said += ["a singular pose"] if mu > 2 * LEAST_DAMPING else []
-    return Step(arm @ rates, to_camera @ rates, tuple(dict.fromkeys(said)), smallest)
+    return Step(flange, to_camera @ flange, tuple(dict.fromkeys(said)), smallest)
+
+
+def recentred(robot: Robot, joints: Array) -> Array | None:
+    """Joints (n,) nearer to the middle of their ranges with the flange where it is; None for an arm that has no choice.
+
+    q <- q + J+ (T_flange - T(q)) + (I - J+ J) k (q_middle - q)
+    """
+    if len(joints) <= FREEDOM:
+        return None
+    limits, T, q = robot.limits.joints, robot.forward(joints), joints.copy()
+    for _ in range(SELF_MOTION):
+        J = flange_jacobian(robot, q)
+        P = np.linalg.pinv(J, rcond=1e-3)
+        towards = SELF_STEP * (limits.mean(axis=1) - q)
+        q = q + P @ se3.local(robot.forward(q), T) + towards - P @ (J @ towards)
+        q = np.clip(q, limits[:, 0] + RANGE_MARGIN, limits[:, 1] - RANGE_MARGIN)
+    for _ in range(5):
+        q = q + np.linalg.pinv(flange_jacobian(robot, q), rcond=1e-3) @ se3.local(robot.forward(q), T)
+    same = float(np.abs(se3.local(robot.forward(q), T)).max()) < SAME_POSE
+    inside = bool(np.all((q > limits[:, 0]) & (q < limits[:, 1])))
+    return q if same and inside else None
 
 
 def slowed(twist: Array, speeds: Speeds) -> Array:

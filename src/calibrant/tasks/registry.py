@@ -101,6 +101,8 @@ TASKS = {
     "verify touch": Entry("verify.touch", "Compare touched points with where the camera says they are."),
     "verify held-out": Entry("verify.held_out", "Try a calibration on views that it never saw."),
     "verify watch": Entry("verify.watch", "Has the camera been moved? Picture after picture tells."),
+    "servo teach": Entry("servo.teach", "Teach a pose by what a camera sees from there."),
+    "servo run": Entry("servo.run", "Lead an arm to a taught pose; tried in simulated cells.", ("json",), judged=False),
     "ros run": Entry("run", "Calibrate a camera beside a running robot, through ROS.", (), package="ros"),
     "ros launch": Entry("launch", "Run the nodes of several cameras.", (), judged=False, package="ros"),
 }
@@ -111,6 +113,7 @@ GROUPS = {
     "verify": "Show whether a calibration holds.",
     "projector": "Calibrate a projector: the patterns it shows, and what a camera makes of them.",
     "project": "A whole cell in a folder: components, observations, results, solved as one problem.",
+    "servo": "Lead a robot by what a camera sees: to taught poses, to moving things.",
     "study": "Experiments to learn from: what each method gives, and when it fails.",
 }
 """What each group of commands is about: the first word of those that have two."""

@@ -782,6 +782,36 @@ def verify_watch(
     workers: str | int | None = None,
     cache: str | None = None,
 ) -> CalibrationResult: ...
+def servo_teach(
+    result: str | Path,
+    *,
+    target: str,
+    images: Words = (),
+    name: str | None = None,
+    rig: str | Path | None = None,
+    left: str | Path | None = None,
+    right: str | Path | None = None,
+    stand_off: str | None = None,
+    turn: str = "0deg",
+) -> CalibrationResult: ...
+def servo_run(
+    *,
+    cell: bool = False,
+    control: str = "image",
+    seeds: int = 1,
+    seed: int = 0,
+    starts: int = 1,
+    distance: str = "200mm",
+    turned: str = "30deg",
+    depth: str = "estimated",
+    tolerance: str = "0.3mm",
+    tolerance_turn: str = "0.1deg",
+    gain: float = 1.2,
+    focal_error: str = "0%",
+    hand_eye_error: str = "0deg",
+    plot: str | Path | None = None,
+    force: bool = False,
+) -> CalibrationResult: ...
 def ros_run(
     config: str | Path,
     *,

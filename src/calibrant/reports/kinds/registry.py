@@ -18,6 +18,7 @@ from calibrant.reports.kinds import (
     pose,
     rig,
     self_visibility,
+    servoing,
     time_offset,
     tool,
     unchanged,
@@ -58,6 +59,8 @@ KINDS: Mapping[str, Kind] = {
     "pointing": pointing.KIND,
     "projector": projector.KIND,
     "scan": scan.KIND,
+    "servo-target": servoing.TARGET,
+    "servo": servoing.RUN,
 }
 
 

@@ -14,11 +14,14 @@ from calibrant.calibrate.pose.target_poses import target_poses
 from calibrant.cameras import Camera
 from calibrant.data import CameraSource, Picture, View
 from calibrant.detection.detection import Detection
+from calibrant.detection.registry import detector_for
 from calibrant.errors import InputError
 from calibrant.geometry import se3
+from calibrant.opencv import cv2
 from calibrant.servoing.sight.features import Features, features_of
 from calibrant.servoing.sight.interaction import point_rows
 from calibrant.servoing.sight.mounting import Mounting
+from calibrant.targets.target import Target
 
 Depth = Literal["estimated", "measured", "wanted"]
 DEPTHS: tuple[Depth, ...] = ("estimated", "measured", "wanted")
@@ -30,12 +33,28 @@ PATCH = 2
 """Pixels to every side over which a measured depth is the median: holes and edges are single pixels."""
 
 
+def finder(target: Target) -> Callable[[Picture], Detection]:
+    """Finds a target in pictures. Raises: InputError for a kind without a detector."""
+    detector = detector_for(target.kind)
+
+    def find(picture: Picture) -> Detection:
+        grey = np.asarray(cv2.cvtColor(picture.colour, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+        return detector.detect(grey, target)
+
+    return find
+
+
 @dataclass(frozen=True, eq=False)
 class Model:
     """Points (n, 3) of a target in its frame, metres, by ids (n,)."""
 
     ids: NDArray[np.int64]
     points: Array
+
+    @classmethod
+    def target(cls, target: Target) -> Model:
+        """Of a target of known size."""
+        return cls(target.point_ids, target.points)
 
     def of(self, ids: NDArray[np.int64]) -> Array:
         """The points of these ids (k, 3)."""
@@ -76,7 +95,10 @@ class Eye:
                 f"camera {self.source.name} takes pictures of {picture.size[0]}x{picture.size[1]} px, and is "
                 f"calibrated for {self.camera.image_size[0]}x{self.camera.image_size[1]} px"
             )
-        found = self.find(picture)
+        return self.told(self.find(picture), picture, before)
+
+    def told(self, found: Detection, picture: Picture, before: Features | None = None) -> Features | str:
+        """The features that a detector found in a picture, or why there are none."""
         if not found.found:
             return found.reason or "no target"
         sigma = found.sigma_px if found.sigma_px is not None else np.full(len(found.uv), self.sigma_px)
@@ -92,12 +114,18 @@ class Eye:
         if self.depth == "measured":
             measured = depth_at(picture, found.uv)
             depth = np.where(np.isfinite(measured), measured, depth)
-        if self.depth == "wanted" and before is not None:
-            depth = np.full(len(found.uv), before.middle_depth)
+        if self.depth == "wanted":
+            depth = np.full(len(found.uv), np.nan)
         return features_of(
-            self.camera, found.point_ids, found.uv, sigma, depth, points=points, T_camera_target=T,
+            self.camera,
+            found.point_ids,
+            found.uv,
+            sigma,
+            depth,
+            points=points,
+            T_camera_target=T,
             time_s=picture.time_s,
-        )  # fmt: skip
+        )
 
     def _pose(self, name: str, found: Detection, points: Array, sigma: Array, before: Features | None) -> Array | None:
         if before is not None and before.T_camera_target is not None:

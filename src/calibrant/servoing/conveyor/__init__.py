@@ -1,0 +1,1 @@
+"""Moving things: where they are and will be, and a grasp on the move."""

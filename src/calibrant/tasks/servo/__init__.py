@@ -1,0 +1,1 @@
+"""Commands that lead a robot by what a camera sees."""

@@ -39,6 +39,7 @@ NAME = "servo board"
 DISTANCE = 0.34
 """Metres of the taught pose from the board."""
 CLEAR_PX = 12.0
+ROOM_RAD = np.deg2rad(5.0)
 DRAWN = 400
 CENTRE = (0.5, 0.0)
 
@@ -118,12 +119,14 @@ def _cell_runs(seed: int, case: ServoCase) -> list[tuple[Arrival, float]]:
         eye = _eye(cell, known, case, rng)
         out = []
         cell.lay(NAME, *CENTRE, yaw=float(rng.uniform(-np.pi, np.pi)))
-        _go(cell, _taught_pose(cell, rng))
+        _go(cell, _taught_pose(cell, rng), cell.robot.home)
+        ready = cell.robot.joints()
         wanted = taught_by(eye, PICTURES)
         taught = cell.truth.T_base_gripper()
         margin = _margin(wanted, eye, case, law, cell.robot.pose())
         for k in range(case.starts):
-            _go(cell, _start(cell, taught, case, law, rng))
+            cell.robot.move_joints(ready, speed=1.0)
+            _go(cell, _start(cell, taught, ready, case, law, rng), ready)
             out.append((_run(cell, eye, wanted, law, taught, case, seed, k), margin))
         return out
 
@@ -158,7 +161,7 @@ def _taught_pose(cell: RobotCell, rng: np.random.Generator) -> Array:
     for _ in range(DRAWN):
         tilt = so3.exp(np.deg2rad(rng.uniform(-10, 10, 3) * [1, 1, 9]))
         T = _looking(cell, tilt, DISTANCE)
-        if _possible(cell, T):
+        if _possible(cell, T, cell.robot.home):
             return T
     raise RefusedError("the arm reaches no pose from which it sees the board; move the board nearer")
 
@@ -171,7 +174,7 @@ def _looking(cell: RobotCell, tilt: Array, distance: float) -> Array:
     )
 
 
-def _start(cell: RobotCell, taught: Array, case: ServoCase, law: Law, rng: np.random.Generator) -> Array:
+def _start(cell: RobotCell, taught: Array, ready: Array, case: ServoCase, law: Law, rng: np.random.Generator) -> Array:
     """T_base_gripper exactly that far and turned from the taught one, from which all of the board is seen."""
     for _ in range(50 * DRAWN):
         turn, shift = rng.standard_normal(3), rng.standard_normal(3)
@@ -180,7 +183,7 @@ def _start(cell: RobotCell, taught: Array, case: ServoCase, law: Law, rng: np.ra
         turn *= np.deg2rad(case.degrees) / np.linalg.norm(turn)
         shift *= case.metres / np.linalg.norm(shift)
         T = taught @ se3.make(so3.exp(turn), shift)
-        if _possible(cell, T):
+        if _possible(cell, T, ready):
             return T
         case = replace(case, metres=0.99 * case.metres) if law.name == "planar" else case
     raise RefusedError(
@@ -188,7 +191,8 @@ def _start(cell: RobotCell, taught: Array, case: ServoCase, law: Law, rng: np.ra
     )
 
 
-def _possible(cell: RobotCell, T_base_gripper: Array) -> bool:
+def _possible(cell: RobotCell, T_base_gripper: Array, near: Array) -> bool:
+    """Whether the arm gets there from joints near by, with room in every range, and all of the board is seen."""
     robot = cell.robot
     if robot.workspace.below_table(T_base_gripper) is not None:
         return False
@@ -198,9 +202,9 @@ def _possible(cell: RobotCell, T_base_gripper: Array) -> bool:
     size = np.array(camera.image_size)
     if not np.isfinite(uv).all() or np.any(uv < CLEAR_PX) or np.any(uv > size - 1 - CLEAR_PX):
         return False
-    found = solve_inverse(robot.chain, T_base_gripper, robot.home, iterations=60)
+    found = solve_inverse(robot.chain, T_base_gripper, near, iterations=60)
     margin = np.minimum(found.q - robot.chain.lower, robot.chain.upper - found.q).min()
-    return bool(found.reached) and float(margin) > np.deg2rad(5)
+    return bool(found.reached) and float(margin) > ROOM_RAD
 
 
 def _outline() -> Array:
@@ -208,9 +212,9 @@ def _outline() -> Array:
     return np.array([[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0]])
 
 
-def _go(cell: RobotCell, T_base_gripper: Array) -> None:
+def _go(cell: RobotCell, T_base_gripper: Array, near: Array) -> None:
     robot = cell.robot
-    found = solve_inverse(robot.chain, T_base_gripper, robot.home, iterations=60)
+    found = solve_inverse(robot.chain, T_base_gripper, near, iterations=60)
     robot.move_joints(found.q, speed=1.0)
 
 

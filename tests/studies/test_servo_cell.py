@@ -1,0 +1,40 @@
+"""Servoing in a rendered cell: one seed arrives, by the truth, and the table says so."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from calibrant.studies.servo_cell import Arrival, ServoCase, ServoStudy, servo_study, study_json
+
+pytest.importorskip("mujoco")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("control", ["image", "planar"])
+def test_a_cell_that_was_calibrated_from_pictures_is_servoed_in(control: str) -> None:
+    study = servo_study([1], ServoCase(control=control))
+    (run,) = study.runs
+    assert run.passed, run.reason
+    assert run.error_mm < 0.3
+    assert run.error_deg < 0.1
+    assert run.trace is not None
+    assert run.trace.samples[-1].resting
+
+
+def test_the_table_says_what_failed_and_why() -> None:
+    nan = float("nan")
+    runs = (
+        Arrival(0, 0, 0.1, 0.01, 0.2, 0.03, 30, 4.0, True, ""),
+        Arrival(1, 0, nan, nan, nan, nan, 0, 1.0, False, "out of view"),
+    )
+    data = json.loads(study_json(ServoStudy(ServoCase(), runs, 0.9)))
+    assert data["passed"] is False
+    assert data["passed_share"] == 0.5
+    assert data["median_mm"] == 0.1
+    assert data["inside_99"] == 1
+    assert data["runs"][1]["error_mm"] is None
+    assert data["runs"][1]["reason"] == "out of view"
+    assert np.isfinite(data["margin"])

@@ -83,7 +83,7 @@ from calibrant.data.details_comparison import (
     TransformComparison,
 )
 from calibrant.data.details_projector import ProjectorCapture, ProjectorCaptures
-from calibrant.data.details_servoing import ServoSample
+from calibrant.data.records.servoing import ServoSample
 from calibrant.data.result_file import read_observations, read_result, write_observations, write_result
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3

@@ -15,12 +15,12 @@ from calibrant.data.details_projector import ProjectorCaptures
 from calibrant.data.details_rig import CameraClock as CameraClock
 from calibrant.data.details_rig import CameraClocks as CameraClocks
 from calibrant.data.details_rig import SharedMoments as SharedMoments
-from calibrant.data.details_servoing import ServoTrace, TaughtFeatures
 from calibrant.data.details_stereo import EpipolarErrors as EpipolarErrors
 from calibrant.data.details_stereo import EpipolarMatrices as EpipolarMatrices
 from calibrant.data.details_stereo import PairErrors as PairErrors
 from calibrant.data.details_stereo import StereoGeometry as StereoGeometry
 from calibrant.data.details_stereo import TriangulatedEdges as TriangulatedEdges
+from calibrant.data.records.servoing import ServoTrace, TaughtFeatures
 from calibrant.data.records.verification import WatchedPicture as WatchedPicture
 from calibrant.data.records.verification import Watching as Watching
 from calibrant.data.records.verification_runs import TaskRun as TaskRun

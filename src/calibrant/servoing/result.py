@@ -6,7 +6,7 @@ import numpy as np
 
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Check, Measured, TransformEstimate, verdict_of
-from calibrant.data.details_servoing import ServoSample, ServoTrace
+from calibrant.data.records.servoing import ServoSample, ServoTrace
 from calibrant.data.verdicts import stamp
 from calibrant.servoing.loop import Sample, ServoOptions, ServoRun
 from calibrant.servoing.stability import Margin

@@ -12,7 +12,7 @@ from calibrant.arrays import Array
 from calibrant.calibrate.pose.target_poses import target_poses
 from calibrant.cameras import Camera
 from calibrant.data import View
-from calibrant.data.details_servoing import TaughtFeatures
+from calibrant.data.records.servoing import TaughtFeatures
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3, so3, triangulation
 from calibrant.servoing.sight.eye import Eye

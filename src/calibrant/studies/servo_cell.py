@@ -16,7 +16,7 @@ import numpy as np
 from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult
-from calibrant.data.details_servoing import ServoTrace
+from calibrant.data.records.servoing import ServoTrace
 from calibrant.errors import DeviceError, RefusedError
 from calibrant.geometry import se3, so3
 from calibrant.robots.inverse import solve_inverse

@@ -1,1 +1,1 @@
-"""Records of findings that are no single figure, by what they are about; `details` lists them all."""
+"""Records of what was found, by what found it: kept under `details` in a result file."""

@@ -78,7 +78,8 @@ class CameraComparison:
 class TransformComparison:
     """A transform of both, second less first along the parent's axes: mm, and the turn as a vector, degrees.
 
-    chance: of a difference as large from the two uncertainties alone, taken as independent.
+    chance: of a difference as large from the two uncertainties alone, taken as independent. via: the frames between,
+    where one of the two has it by a chain of transforms.
     """
 
     parent: str
@@ -88,6 +89,7 @@ class TransformComparison:
     mm_sigma: Triple | None = None
     deg_sigma: Triple | None = None
     chance: float | None = None
+    via: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

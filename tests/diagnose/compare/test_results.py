@@ -11,6 +11,7 @@ from tests.made_results import camera
 
 from calibrant.data import CalibrationResult, as_transform
 from calibrant.data.details import Comparison
+from calibrant.data.results import JointCovariance
 from calibrant.diagnose.compare.results import compare_results
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
@@ -85,3 +86,51 @@ def test_sizes_and_models_are_said() -> None:
     found = compare_results(CalibrationResult("x", "ok", cameras={"c": small}), shape)
     assert found.verdict == "warn"
     assert "pixel by pixel as they stand" in found.check("size-c").message
+
+
+def test_rigs_with_other_worlds_are_compared_by_their_chains() -> None:
+    """Two calibrations of one rig, placed on other cameras: the same numbers, whichever transforms they are in."""
+    left, right = (se3.make(so3.exp(r), t) for r, t in (([0.1, 0.5, 0], [0.2, 0, 0]), ([0, -0.4, 0.2], [0, 0.3, 0.1])))
+    moved = se3.make(right[:3, :3], right[:3, 3] + [0.0, 0.004, 0.0])
+    C = np.diag([1e-8] * 3 + [1e-6] * 3)
+    first = CalibrationResult(
+        "rig", "ok", transforms=(as_transform("a", "b", left, C), as_transform("a", "c", right, C))
+    )
+    between = as_transform("b", "c", se3.inverse(left) @ moved, C)
+    second = CalibrationResult("rig", "ok", transforms=(as_transform("b", "a", se3.inverse(left), C), between))
+    found = {(t.parent, t.child): t for t in compared(first, second).transforms}
+    assert list(found) == [("a", "b"), ("a", "c"), ("b", "c")]
+    assert np.allclose(found["a", "b"].mm, 0, atol=1e-9)
+    assert np.allclose(found["a", "c"].mm, [0, 4, 0], atol=1e-9)
+    assert (found["a", "b"].via, found["a", "c"].via, found["b", "c"].via) == ((), ("b",), ("a",))
+    # Along the chain nothing says what the errors have in common, so nothing judges.
+    assert found["a", "c"].chance is None
+    assert compared(first, second).only_second == ()
+    assert any("by way of b" in check.message for check in compare_results(first, second).checks)
+
+
+def test_along_a_chain_the_sigma_is_that_of_the_joint_covariance() -> None:
+    """Errors that both transforms share cancel between b and c."""
+    T = [se3.make(np.eye(3), t) for t in ([0.2, 0, 0], [0.5, 0.1, 0])]
+    shared, own = np.diag([0.0] * 3 + [1e-4] * 3), np.diag([1e-10] * 3 + [1e-6] * 3)
+    joint = JointCovariance((("a", "b"), ("a", "c")), np.block([[shared + own, shared], [shared, shared + own]]))
+    first = CalibrationResult(
+        "rig",
+        "ok",
+        transforms=(as_transform("a", "b", T[0], shared + own), as_transform("a", "c", T[1], shared + own)),
+        joint_covariance=joint,
+    )
+    second = CalibrationResult("rig", "ok", transforms=(as_transform("b", "c", se3.inverse(T[0]) @ T[1], own),))
+    (found,) = compared(first, second).transforms
+    assert found.mm_sigma == pytest.approx([1e3 * np.sqrt(3e-6)] * 3, rel=1e-2)
+    assert found.chance == pytest.approx(1.0)
+
+
+def test_frames_that_one_does_not_tie_are_said_to_be_its_own() -> None:
+    both = placed(np.eye(4))
+    more = replace(both, transforms=(*both.transforms, as_transform("gripper", "target", np.eye(4))))
+    found = compared(more, both)
+    assert ([(t.parent, t.child) for t in found.transforms], found.only_first) == (
+        [("base", "camera")],
+        ("gripper → target",),
+    )

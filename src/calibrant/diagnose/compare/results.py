@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from calibrant.arrays import Array
-from calibrant.data import CalibrationResult, Check, Measured, TransformEstimate
+from calibrant.data import CalibrationResult, Check, Measured, TransformEstimate, as_transform
 from calibrant.data.details_comparison import CameraComparison, Comparison, TransformComparison
 from calibrant.data.results import verdict_of
 from calibrant.diagnose.compare.cameras import compare_cameras
 from calibrant.errors import InputError
-from calibrant.geometry import se3, so3
-from calibrant.optimize import uncertainty
+from calibrant.formats.projects.chains import covariance_between
+from calibrant.geometry import so3
+from calibrant.geometry.frames import FrameGraph
 from calibrant.optimize.chances import chi2_tail
 from calibrant.percent import percent
 
@@ -35,7 +38,8 @@ def compare_results(
     """A result of kind "comparison": what differs between two, in pixels, mm and deg, with sigma.
 
     Cameras go by their names; the only camera of each goes with the other's whatever they are called. Both are taken
-    as independent: calibrations from the same photos have less between them than is said here.
+    as independent: calibrations from the same photos have less between them than is said here. Transforms are compared
+    wherever both tie the same two frames, by one transform or by a chain of them.
     Args: names, what the two are called; cameras, pairs of names (of the first, of the second) in place of that.
     Raises: InputError where they have nothing in common, or a name is none of theirs.
 
@@ -50,20 +54,19 @@ def compare_results(
                 listed = ", ".join(result.cameras) or "none"
                 raise InputError(f"{whose} has no camera {name!r}; its cameras: {listed}")
         compared.append(compare_cameras(first.cameras[a], second.cameras[b], names=(a, b)))
-    moved = _transforms(first, second, dict(pairs))
+    trees = _Tree(first, {}), _Tree(second, dict(pairs))
+    moved = _transforms(*trees)
     if not (compared or moved):
         raise InputError(
             f"{names[0]} and {names[1]} have no camera and no transform in common: {_holds(first)}; {_holds(second)}"
         )
-    mine = {t.parent + " → " + t.child for t in first.transforms if not _is_in(t, moved, {})}
     back = {b: a for a, b in pairs}
-    theirs = {t.parent + " → " + t.child for t in second.transforms if not _is_in(t, moved, back)}
     record = Comparison(
         *names,
         tuple(compared),
         tuple(moved),
-        only_first=(*(n for n in first.cameras if n not in dict(pairs)), *sorted(mine)),
-        only_second=(*(n for n in second.cameras if n not in back), *sorted(theirs)),
+        only_first=(*(n for n in first.cameras if n not in dict(pairs)), *_alone(*trees)),
+        only_second=(*(n for n in second.cameras if n not in back), *_alone(*trees[::-1])),
     )
     checks = tuple(_checks(record))
     return CalibrationResult("comparison", verdict_of(checks), checks, figures=_figures(record), details=(record,))
@@ -87,36 +90,73 @@ def _paired(first: CalibrationResult, second: CalibrationResult) -> list[tuple[s
     return common
 
 
-def _transforms(first: CalibrationResult, second: CalibrationResult, same: dict[str, str]) -> list[TransformComparison]:
-    """Those of the same frames in both, either way round; cameras that are compared are one frame."""
-    out = []
-    for a in first.transforms:
-        parent, child = (same.get(frame, frame) for frame in (a.parent, a.child))
-        for b in second.transforms:
-            if (b.parent, b.child) == (parent, child):
-                out.append(_moved(a, b.matrix, b.covariance))
-            elif (b.child, b.parent) == (parent, child):
-                C = None if b.covariance is None else uncertainty.of_inverse(b.matrix, b.covariance)
-                out.append(_moved(a, se3.inverse(b.matrix), C))
-    return out
+@dataclass(frozen=True, eq=False)
+class _Tree:
+    """A result's frames under the first result's names for cameras, and any of them relative to any other."""
+
+    result: CalibrationResult
+    called: Mapping[str, str]
+
+    @cached_property
+    def graph(self) -> FrameGraph:
+        """Of all its transforms; where two ways lead to a frame, they are the same but for rounding."""
+        graph = FrameGraph(tolerance_m=np.inf, tolerance_rad=np.inf)
+        for t in self.result.transforms:
+            graph = graph.add(t.parent, t.child, t.matrix)
+        return graph
+
+    def holds(self, parent: str, child: str) -> bool:
+        """Whether a chain of its transforms ties the two."""
+        ends = {self.called.get(frame, frame) for frame in (parent, child)}
+        return any(ends <= set(group) for group in self.graph.groups())
+
+    def between(self, parent: str, child: str) -> TransformEstimate:
+        """T_parent_child along the shortest chain, with what the errors along it have in common."""
+        a, b = (self.called.get(frame, frame) for frame in (parent, child))
+        return as_transform(parent, child, self.graph.T(a, b), covariance_between(self.result, a, b))
+
+    def edges(self) -> list[tuple[str, str]]:
+        """Its transforms, under the first result's names."""
+        back = {theirs: ours for ours, theirs in self.called.items()}
+        return [(back.get(t.parent, t.parent), back.get(t.child, t.child)) for t in self.result.transforms]
+
+    def chain(self, parent: str, child: str) -> tuple[str, ...]:
+        """The frames between the two."""
+        back = {theirs: ours for ours, theirs in self.called.items()}
+        path = self.graph.path(*(self.called.get(frame, frame) for frame in (parent, child)))
+        return tuple(back.get(frame, frame) for frame in path[1:-1])
 
 
-def _is_in(t: TransformEstimate, moved: Sequence[TransformComparison], names: dict[str, str]) -> bool:
-    ends = {names.get(t.parent, t.parent), names.get(t.child, t.child)}
-    return any({m.parent, m.child} == ends for m in moved)
+def _transforms(first: _Tree, second: _Tree) -> list[TransformComparison]:
+    """Every transform of one whose two frames the other ties too, by a transform either way round or by a chain of
+    them; the first one's, then what the second adds."""
+    known: dict[frozenset[str], TransformComparison] = {}
+    for parent, child in (*first.edges(), *second.edges()):
+        ends = frozenset((parent, child))
+        if ends not in known and first.holds(parent, child) and second.holds(parent, child):
+            via = first.chain(parent, child) or second.chain(parent, child)
+            a, b = (tree.between(parent, child) for tree in (first, second))
+            known[ends] = _moved(a, b.matrix, b.covariance, via)
+    return list(known.values())
 
 
-def _moved(a: TransformEstimate, T: Array, C_b: Array | None) -> TransformComparison:
+def _alone(tree: _Tree, other: _Tree) -> list[str]:
+    """The transforms whose frames the other does not tie."""
+    edges = zip(tree.edges(), tree.result.transforms)
+    return sorted({f"{t.parent} → {t.child}" for ends, t in edges if not other.holds(*ends)})
+
+
+def _moved(a: TransformEstimate, T: Array, C_b: Array | None, via: tuple[str, ...]) -> TransformComparison:
     """Errors as `se3.retract` has them, of rotation and translation along the parent's axes."""
     turn = so3.log(T[:3, :3] @ a.matrix[:3, :3].T)
     step = T[:3, 3] - a.matrix[:3, 3]
     mm, deg = _triple(1e3 * step), _triple(np.rad2deg(turn))
     if a.covariance is None or C_b is None:
-        return TransformComparison(a.parent, a.child, mm, deg)
+        return TransformComparison(a.parent, a.child, mm, deg, via=via)
     C = a.covariance + C_b
     sigma = np.sqrt(np.maximum(np.diag(C), 0.0))
     sigmas = _triple(1e3 * sigma[3:]), _triple(np.rad2deg(sigma[:3]))
-    return TransformComparison(a.parent, a.child, mm, deg, *sigmas, _chance(C, np.concatenate([turn, step])))
+    return TransformComparison(a.parent, a.child, mm, deg, *sigmas, _chance(C, np.concatenate([turn, step])), via)
 
 
 def _chance(C: Array, e: Array) -> float | None:
@@ -177,6 +217,7 @@ def _checks(record: Comparison) -> list[Check]:
             out.append(Check(f"field-{name}", "warn", text, c.shared))
     for t in record.transforms:
         name, frames = f"{t.parent}-{t.child}", f"{t.parent} → {t.child}"
+        frames += f" (in one of them by way of {', '.join(t.via)})" if t.via else ""
         mm, deg = float(np.linalg.norm(t.mm)), float(np.linalg.norm(t.deg))
         if mm < _SAME_MM and deg < _SAME_DEG:
             out.append(Check(name, "ok", f"{frames}: the same", t.chance))

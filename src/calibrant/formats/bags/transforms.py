@@ -13,6 +13,7 @@ from calibrant.errors import InputError
 from calibrant.formats.bags.bag import TRANSFORMS, Bag
 from calibrant.formats.bags.stamps import HEADER, seconds_of
 from calibrant.geometry import rotations, se3
+from calibrant.geometry.frame_tree import ancestors, way_between
 from calibrant.geometry.motion import Motion
 
 STATIC = "tf_static"
@@ -113,26 +114,30 @@ class Tree:
     def _chain(self, base: str, tool: str) -> list[tuple[Edge, bool]] | None:
         """From base to tool: edges, and whether each is gone up, so that its inverse counts; None where there is no
         way."""
-        up, down = self._ancestors(base), self._ancestors(tool)
-        common = next((f for f in up if f in down), None)
-        if common is None:
+        for frame in (base, tool):
+            self._require_a_way_up(frame)
+        way = way_between(base, tool, self._parent)
+        if way is None:
             return None
-        rise = [(self.edges[f], True) for f in up[: up.index(common)]]
-        return [*rise, *((self.edges[f], False) for f in reversed(down[: down.index(common)]))]
+        return [*((self.edges[f], True) for f in way[0]), *((self.edges[f], False) for f in way[1])]
 
-    def _ancestors(self, frame: str) -> list[str]:
-        out = [frame]
-        while out[-1] in self.edges:
-            parent, other = self.edges[out[-1]].parent, self.doubled.get(out[-1])
+    def _parent(self, frame: str) -> str | None:
+        edge = self.edges.get(frame)
+        return None if edge is None else edge.parent
+
+    def _require_a_way_up(self, frame: str) -> None:
+        """Raises: InputError for a frame on the way up that has two parents, or a way that turns in a circle."""
+        path = ancestors(frame, self._parent)
+        for name in path:
+            other = self.doubled.get(name)
             if other is not None:
                 raise InputError(
-                    f"{self.source}: the frame {out[-1]} has two parents, {parent} and {other}, in turn; record with "
-                    "one publisher of it"
+                    f"{self.source}: the frame {name} has two parents, {self.edges[name].parent} and {other}, in turn; "
+                    "record with one publisher of it"
                 )
-            if parent in out:
-                raise InputError(f"{self.source}: the frames {' to '.join([*out, parent])} go in a circle")
-            out.append(parent)
-        return out
+        closes = self._parent(path[-1])
+        if closes is not None:
+            raise InputError(f"{self.source}: the frames {' to '.join([*path, closes])} go in a circle")
 
 
 def _likely(frames: Iterable[str], words: Iterable[str]) -> list[str]:

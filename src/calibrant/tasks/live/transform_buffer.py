@@ -15,11 +15,11 @@ import numpy as np
 
 from calibrant.arrays import Array
 from calibrant.geometry import se3
+from calibrant.geometry.frame_tree import ancestors, way_between
 
 KEPT_S = 10.0
 """As tf's own buffer."""
 _MOST = 20_000
-_DEEPEST = 200
 
 
 @dataclass(eq=False)
@@ -69,16 +69,15 @@ class TransformBuffer:
 
     def pose(self, frame: str, of: str, stamp: float) -> Array | None:
         """T_frame_of (4, 4) at a moment; None where the frames are not connected, or it is not known then."""
-        here, there = self._to_root(frame), self._to_root(of)
-        if here[-1] != there[-1]:
+        way = way_between(frame, of, self._parent)
+        if way is None:
             return None
-        common = next(name for name in here if name in there)
-        up, down = self._down(here[: here.index(common)], stamp), self._down(there[: there.index(common)], stamp)
+        up, down = self._down(way[0][::-1], stamp), self._down(way[1], stamp)
         return None if up is None or down is None else se3.inverse(up) @ down
 
     def root_of(self, frame: str) -> str:
         """The top of the tree that a frame is in."""
-        return self._to_root(frame)[-1]
+        return ancestors(frame, self._parent)[-1]
 
     def moved(self, frame: str, of: str, stamp: float, seconds: float) -> tuple[float, float] | None:
         """How far `of` was from its place at a moment, at most, mm and deg, over the seconds before; None where that
@@ -95,18 +94,16 @@ class TransformBuffer:
         """The tree in one line, for messages."""
         return ", ".join(f"{child} in {edge.parent}" for child, edge in list(self.edges.items())[:12]) or "nothing yet"
 
-    def _to_root(self, frame: str) -> list[str]:
-        path = [frame]
-        while path[-1] in self.edges and len(path) < _DEEPEST and self.edges[path[-1]].parent not in path:
-            path.append(self.edges[path[-1]].parent)
-        return path
+    def _parent(self, frame: str) -> str | None:
+        edge = self.edges.get(frame)
+        return None if edge is None else edge.parent
 
     def _down(self, frames: list[str], stamp: float) -> Array | None:
-        """T_common_frame of a path that ends below the common frame."""
+        """T_common_frame of a path down from below the common frame."""
         T = np.eye(4)
         for name in frames:
             step = self.edges[name].at(stamp)
             if step is None:
                 return None
-            T = step @ T
+            T = T @ step
         return T

@@ -217,6 +217,9 @@ def _recording(folder: Path, s: SeenOptions) -> Recording | None:
     from calibrant.formats.bags.kinds import check_bag
     from calibrant.formats.projects.folder import inside
     from calibrant.formats.projects.records import Recording
+    from calibrant.tasks.inputs.bags.motion import robot_motion
+    from calibrant.tasks.inputs.bags.topics import check_topics
+    from calibrant.tasks.options.robots import RobotOptions
 
     said = s.recording
     said.check()
@@ -230,6 +233,9 @@ def _recording(folder: Path, s: SeenOptions) -> Recording | None:
         raise InputError(
             "--tf, --joint-topic, --moments and --clock-offset are about a robot's poses: give the --robot"
         )
+    check_topics(said)
+    if said.tf:
+        robot_motion(said, RobotOptions())
     return Recording(
         bag=inside(folder, said.bag), topic=topics[0] if topics else "", stamps=said.stamps, tf=said.tf or "",
         joint_topic=said.joint_topic or "", moments=said.moments, clock_offset=said.clock_offset or "",

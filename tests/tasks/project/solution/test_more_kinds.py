@@ -14,6 +14,7 @@ from calibrant.calibrate.cell.problem.touches import Touches
 from calibrant.data import Observations, RobotPoses
 from calibrant.data.result_file import write_observations
 from calibrant.errors import InputError
+from calibrant.formats.projects.folder import read_project
 from calibrant.geometry import se3, so3
 from calibrant.robots.arms import arm
 from calibrant.robots.inverse import solve_inverse
@@ -188,7 +189,15 @@ def test_a_bag_at_a_robot_has_the_digits_of_hand_eye(tmp_path: Path) -> None:
     )
     assert found.check("moments").message == expected.check("moments").message
     assert {s.state for s in cb.project_status(project=cell)} == {"current"}
-    cb.project_add("camera", "side", project=cell)
-    cb.project_add("bag", "no", project=cell, camera="side", target="small", bag=bag, image_topic="/none")
-    with pytest.raises(InputError, match=r"observations no: .*it has /wrist/image_raw"):
-        cb.project_solve(project=cell)
+    # What a bag does not have is said when it is added.
+    cut = tmp_path / "cut.mcap"
+    whole = next(bag.glob("*.mcap")).read_bytes()
+    cut.write_bytes(whole[: len(whole) // 2])
+    for wrong, words in (
+        ({**of_bag, "image_topic": "/none"}, r"no pictures under /none; it has /wrist/image_raw \(27 pictures\)"),
+        ({**of_bag, "tf": "base_link:flange"}, r"has no frame 'flange'; its frames are\n +base_link\n +tool0 \*"),
+        ({**of_bag, "bag": cut}, "is cut off or damaged"),
+    ):
+        with pytest.raises(InputError, match=words):
+            cb.project_add("bag", "no", project=cell, camera="wrist", target="small", robot="ur", **wrong)
+    assert "no" not in read_project(cell).observations

@@ -72,6 +72,25 @@ def recorded_pictures(options: BagOptions, *, stamps: str | None = None) -> dict
     return out
 
 
+def check_topics(options: BagOptions) -> None:
+    """Raises: InputError for a bag that cannot be opened, or topics that it has no pictures under, by its index."""
+    from calibrant.formats.bags.bag import PICTURES, opened
+
+    if options.bag is None:
+        return
+    with opened(options.bag.expanduser()) as bag:
+        there = {t.name: t.count for t in bag.topics if t.kind in PICTURES and t.count}
+    if not there:
+        from calibrant.formats.bags.pictures import frame_count
+
+        frame_count(options.bag.expanduser())  # says what the bag has instead
+    for text in options.image_topic:
+        topic = text.partition("=")[2] or text
+        if topic not in there and topic.rstrip("/") + _PACKED not in there:
+            listed = ", ".join(f"{name} ({n} pictures)" for name, n in there.items())
+            raise InputError(f"--image-topic {text}: the bag has no pictures under {topic}; it has {listed}")
+
+
 def _named_topics(bag: Path, asked: Sequence[str]) -> dict[str, str]:
     """Topics by the camera's name. Raises: InputError."""
     from calibrant.formats.bags.pictures import entries

@@ -10,11 +10,13 @@ import pytest
 from tests.made_results import observed, poses_that_see
 
 from calibrant.calibrate.cell.hand_eye import calibrate_hand_eye
+from calibrant.calibrate.cell.rig import calibrate_rig
 from calibrant.calibrate.intrinsics.calibrate import calibrate_intrinsics
-from calibrant.data import CalibrationResult, RobotPoses
+from calibrant.data import CalibrationResult, Observations, RobotPoses, View
 from calibrant.diagnose.compare.cameras import compare_cameras
 from calibrant.diagnose.influence import influence
 from calibrant.geometry import se3
+from calibrant.simulate.scenes import grid, look_at_board, standard_camera
 
 
 @pytest.mark.long
@@ -58,3 +60,42 @@ def test_results_without_what_it_takes_have_none(
     found = influence(hand_eye_result("eye-to-hand"))
     assert all(v.mm is not None and v.sigmas >= 0 for v in found)
     assert len(found) == 11
+
+
+def test_the_moment_that_bends_a_rig_is_named_with_the_camera_that_it_moves() -> None:
+    """Three pixels sideways in one picture of one camera: of all moments that one moves the rig most."""
+    names, places = ("left", "right"), (np.eye(4), se3.make(np.eye(3), [-0.1, 0.0, 0.0]))
+    rng = np.random.default_rng(8)
+    lens, points = standard_camera(), grid(8, 6, 0.03)
+    views = []
+    for m, T in enumerate(look_at_board(lens, points, 9, rng=rng, distance=(0.5, 0.8))):
+        for name, M in zip(names, places):
+            uv = lens.project(se3.apply(M @ T, points)) + rng.normal(0, 0.1, (len(points), 2))
+            views.append(View(f"{name}-{m}", points, uv, np.arange(len(points)), name, moment=str(m)))
+    observations = Observations(tuple(views), dict.fromkeys(names, lens.image_size))
+    result = calibrate_rig(observations)
+    quiet = influence(result)
+    assert [v.view for v in quiet] == [str(m) for m in range(9)]
+    assert {v.camera for v in quiet} == {"right"}
+    bent = tuple(replace(v, uv=v.uv + np.array([3.0, 0.0])) if v.id == "right-4" else v for v in observations.views)
+    loud = influence(replace(result, observations=replace(observations, views=bent)))
+    worst = max(loud, key=lambda v: v.sigmas)
+    assert (worst.view, worst.camera) == ("4", "right")
+    assert worst.sigmas > 5 * max(v.sigmas for v in quiet)
+
+
+def test_a_rig_whose_moments_have_no_one_pose_of_the_target_has_none() -> None:
+    names = ("left", "right")
+    lens, points = standard_camera(), grid(8, 6, 0.03)
+    rng = np.random.default_rng(8)
+    views = []
+    for m, T in enumerate(look_at_board(lens, points, 9, rng=rng, distance=(0.5, 0.8))):
+        for name in names:
+            uv = lens.project(se3.apply(T, points))
+            views.append(View(f"{name}-{m}", points, uv, np.arange(len(points)), name, moment=str(m)))
+    result = calibrate_rig(Observations(tuple(views), dict.fromkeys(names, lens.image_size)))
+    apart = tuple(
+        replace(v, T_camera_target=se3.make(np.eye(3), [0, 0, 1e-3]) @ v.T_camera_target) if v.id == "right-4" else v
+        for v in result.views
+    )
+    assert influence(replace(result, views=apart)) == ()

@@ -24,6 +24,7 @@ from calibrant.calibrate.review.target_points import target_points
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult
 from calibrant.diagnose.budget.fit_again import CellAgain, fit_again
+from calibrant.diagnose.rig_influence import moments_of_rig
 from calibrant.errors import CalibrantError
 from calibrant.geometry import se3, so3
 from calibrant.optimize.problem import Problem
@@ -37,7 +38,8 @@ _DEGENERATE = 1e-12
 class ViewInfluence:
     """One view left out: what moves, and how many of the result's own sigma at its most moved unknown.
 
-    px: of a camera, RMS over the image without the rotation that the poses take up; mm, deg: of a camera's mounting.
+    px: of a camera, RMS over the image without the rotation that the poses take up; mm, deg: of a camera's mounting, or
+    of its place to the rig's first camera.
     sigmas is infinite where the others do not determine the result.
     """
 
@@ -61,7 +63,30 @@ def influence(result: CalibrationResult) -> tuple[ViewInfluence, ...]:
         return _of_mounting(result)
     if result.kind == "intrinsics" and len(result.cameras) == 1:
         return _of_lens(result)
-    return ()
+    return _of_rig(result) if result.robot_poses is None else ()
+
+
+def _of_rig(result: CalibrationResult) -> tuple[ViewInfluence, ...]:
+    """Of each moment on the camera that it moves most, against the first one."""
+    cameras, parts = moments_of_rig(result)
+    if len(parts) < 2:
+        return ()
+    steps = _left_out(*([list(part) for part in zip(*parts.values())]))
+    S = np.sum([H for H, _ in parts.values()], axis=0)
+    if np.linalg.matrix_rank(S) < len(S):
+        return ()
+    sigma = np.sqrt(np.diag(np.linalg.inv(S))).reshape(-1, 6)
+    out = []
+    for moment, step in zip(parts, steps):
+        if step is None:
+            out.append(ViewInfluence(moment, cameras[0], np.inf))
+            continue
+        moved = step.reshape(-1, 6)
+        most = np.max(np.abs(moved) / sigma, axis=1)
+        k = int(np.argmax(most))
+        mm, deg = 1e3 * np.linalg.norm(moved[k, 3:]), np.rad2deg(np.linalg.norm(moved[k, :3]))
+        out.append(ViewInfluence(moment, cameras[k], float(most[k]), mm=float(mm), deg=float(deg)))
+    return tuple(out)
 
 
 def _of_lens(result: CalibrationResult) -> tuple[ViewInfluence, ...]:

@@ -113,7 +113,7 @@ def _influence_table(found: tuple[ViewInfluence, ...]) -> TextTable:
     rows = tuple(
         (v.view, *(_moved(x) for x in ((v.px,) if of_lens else (v.mm, v.deg))), _sigmas(v.sigmas)) for v in order
     )
-    what = "the lens, a rotation apart" if of_lens else "the camera's mounting, the lens held"
+    what = "the lens, a rotation apart" if of_lens else "the camera's place, the lens held"
     note = (
         f"How far {what} would move with the view left out, from the linearised problem; in 1σ, the unknown that moves "
         "most. No calibration was run again."

@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from calibrant.tasks.verbs import hand_eye as hand_eye
     from calibrant.tasks.verbs import intrinsics as intrinsics
     from calibrant.tasks.verbs import kinematics as kinematics
+    from calibrant.tasks.verbs import locate as locate
     from calibrant.tasks.verbs import next_pose as next_pose
     from calibrant.tasks.verbs import point as point
     from calibrant.tasks.verbs import pose as pose
@@ -127,6 +128,7 @@ _PUBLIC = {
     "hand_eye": ("calibrant.tasks.verbs", "hand_eye"),
     "intrinsics": ("calibrant.tasks.verbs", "intrinsics"),
     "kinematics": ("calibrant.tasks.verbs", "kinematics"),
+    "locate": ("calibrant.tasks.verbs", "locate"),
     "next_pose": ("calibrant.tasks.verbs", "next_pose"),
     "parse_target": ("calibrant.targets.registry", "parse_target"),
     "point": ("calibrant.tasks.verbs", "point"),

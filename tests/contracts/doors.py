@@ -9,6 +9,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from tests.perceive.boxes_on_a_table import Thing, d435, exact_depth, looking_down, photograph
 
 import calibrant as cb
 from calibrant.cameras import Camera
@@ -85,6 +86,22 @@ def _doctor(files: Files) -> Options:
 
 def _pose(files: Files) -> Options:
     return {"images": [files.images / "00.png"], "target": TARGET, "camera": files.camera}
+
+
+def _locate(files: Files) -> Options:
+    camera = camera_of_photos()
+    T, thing = looking_down(0.25, 20.0), Thing(se3.make(np.eye(3), [0.0, 0.0, 0.02]), np.full(3, 0.04))
+    colour, depth = files.folder / "colour.png", files.folder / "depth.png"
+    cv2.imwrite(str(colour), photograph(camera, T, [thing], np.random.default_rng(0)))
+    z = d435(exact_depth(camera, T, [thing]), np.random.default_rng(1), f_b=21.5)
+    cv2.imwrite(str(depth), np.rint(np.nan_to_num(1e3 * z)).astype(np.uint16))
+    return {
+        "picture": colour,
+        "depth": depth,
+        "camera": files.camera,
+        "object": "cube:40mm",
+        "colour": "h:340-20 s:40-100",
+    }
 
 
 def _vanishing(files: Files) -> Options:
@@ -244,6 +261,7 @@ CASES: Mapping[str, Callable[[Files], Options]] = {
     "hand-eye": _hand_eye,
     "doctor": _doctor,
     "pose": _pose,
+    "locate": _locate,
     "vanishing": _vanishing,
     "capture": _capture,
     "point": _point,

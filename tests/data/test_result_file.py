@@ -46,6 +46,7 @@ from calibrant.data.details import (
     FreeTarget,
     JointAxes,
     JointAxis,
+    LocatedObject,
     LoopSpread,
     MarkedPoints,
     ModelCandidate,
@@ -82,12 +83,13 @@ from calibrant.data.details_comparison import (
     ParameterDifference,
     TransformComparison,
 )
-from calibrant.data.details_projector import ProjectorCapture, ProjectorCaptures
+from calibrant.data.details_scene import ProjectorCapture, ProjectorCaptures
 from calibrant.data.records.servoing import ServoSample
 from calibrant.data.result_file import read_observations, read_result, write_observations, write_result
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
 
+LEVEL = (1.0, 0.0, 1 / 3, 0.0)
 TURNED = ((1 / 3, 0.1, 0.2), (0.3, 1 / 7, 0.5), (0.0, 0.0, 1.0))
 
 
@@ -180,6 +182,9 @@ def details() -> tuple[object, ...]:
                 (((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1 / 3))),
                 ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
             ),
+        ),
+        LocatedObject(
+            "box", "box of 1x2x3mm", (1 / 3, 2.0), 120, ((LEVEL, LEVEL, LEVEL, LEVEL),), ("the turn",), 2, 1 / 3
         ),
         EpipolarMatrices(((1.0, 0.0, 0.0), (0.0, 1 / 3, 0.0), (0.0, 0.0, 2.0))),
         PointedSpot("m", (1e-6, 1 / 3e7, 2e-6), {"left": (1 / 3, 2.0), "right": (3.0, 4.5)}),

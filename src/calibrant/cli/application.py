@@ -33,6 +33,7 @@ ORDER = (
         "project",
         "hand-eye",
         "pose",
+        "locate",
         "doctor",
     ),
     *("kinematics", "next-pose", "time-offset", "dynamic", "vanishing", "undistort", "rectify", "depth", "epipolar"),

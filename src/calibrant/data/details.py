@@ -11,10 +11,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from calibrant.data.details_comparison import Comparison as Comparison
-from calibrant.data.details_projector import ProjectorCaptures
 from calibrant.data.details_rig import CameraClock as CameraClock
 from calibrant.data.details_rig import CameraClocks as CameraClocks
 from calibrant.data.details_rig import SharedMoments as SharedMoments
+from calibrant.data.details_scene import LocatedObject as LocatedObject
+from calibrant.data.details_scene import ProjectorCaptures
 from calibrant.data.details_stereo import EpipolarErrors as EpipolarErrors
 from calibrant.data.details_stereo import EpipolarMatrices as EpipolarMatrices
 from calibrant.data.details_stereo import PairErrors as PairErrors
@@ -390,6 +391,7 @@ DETAILS: Mapping[str, type] = {
     "comparison": Comparison,
     "taught_features": TaughtFeatures,
     "servo_trace": ServoTrace,
+    "located_object": LocatedObject,
     "watching": Watching,
     "task_runs": TaskRuns,
 }

@@ -60,6 +60,7 @@ TASKS = {
     "hand-eye": Entry("robots.hand_eye", "Find where the camera is, on a robot or beside it."),
     "doctor": Entry("robots.doctor", "Find what is wrong with hand-eye or stereo data, and repair it."),
     "pose": Entry("cameras.pose", "Find where a target is, from photos."),
+    "locate": Entry("cameras.locate", "Find where an object of known shape is, from colour and depth."),
     "vanishing": Entry("cameras.vanishing", "Find how a camera is turned, from a scene's edges."),
     "undistort": Entry("cameras.undistort", "Undistort photos.", ("json",), judged=False),
     "rectify": Entry("stereo.rectify", "Rectify pairs of pictures: matches then share a row.", ("report", "json")),

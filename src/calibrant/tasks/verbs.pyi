@@ -249,6 +249,22 @@ def pose(
     overlay: str | Path | None = None,
     force: bool = False,
 ) -> CalibrationResult: ...
+def locate(
+    picture: str | Path | None = None,
+    *,
+    depth: str | Path | None = None,
+    camera: str | Path | None = None,
+    depth_camera: str | None = None,
+    object: str | None = None,
+    colour: str | None = None,
+    near: str | None = None,
+    baseline: str = "50mm",
+    sigma_disparity: str = "0.08px",
+    sigma_scale: str = "0%",
+    overlay: str | Path | None = None,
+    stages: str | Path | None = None,
+    force: bool = False,
+) -> CalibrationResult: ...
 def vanishing(
     image: str | Path,
     *,

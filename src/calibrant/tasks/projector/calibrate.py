@@ -20,7 +20,7 @@ from calibrant.tasks.outcome import Outcome
 if TYPE_CHECKING:
     from calibrant.cameras import Camera
     from calibrant.data import CalibrationResult, Missed, Observations, View
-    from calibrant.data.details_projector import ProjectorCapture
+    from calibrant.data.details_scene import ProjectorCapture
     from calibrant.detection.structured_light.boards import LitBoard
     from calibrant.detection.structured_light.capture import Capture
 
@@ -201,7 +201,7 @@ def _calibrated(observations: Observations, request: Request, given: Camera | No
 def _with_captures(result: CalibrationResult, boards: list[LitBoard], patterns: int, code: str) -> CalibrationResult:
     """The result with what each capture was worth, and the checks of their light."""
     from calibrant.data import verdict_of
-    from calibrant.data.details_projector import ProjectorCaptures
+    from calibrant.data.details_scene import ProjectorCaptures
     from calibrant.detection.structured_light.light_checks import light_checks
 
     rms = {v.id: v.rms_px for v in result.views if v.camera == PROJECTOR and v.used}
@@ -212,7 +212,7 @@ def _with_captures(result: CalibrationResult, boards: list[LitBoard], patterns: 
 
 
 def _record(board: LitBoard, rms_px: float | None) -> ProjectorCapture:
-    from calibrant.data.details_projector import ProjectorCapture
+    from calibrant.data.details_scene import ProjectorCapture
 
     carried = 0 if board.lit is None else len(board.lit)
     return ProjectorCapture(board.seen.id, len(board.seen), carried, **vars(board.figures), rms_px=rms_px)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from calibrant.data import CalibrationResult
-from calibrant.data.details_projector import ProjectorCaptures
+from calibrant.data.details_scene import ProjectorCaptures
 from calibrant.reports.parts.blocks import Column, TextTable
 from calibrant.reports.parts.figures import Fact, camera_figures, noise_facts
 from calibrant.reports.parts.kind import Kind

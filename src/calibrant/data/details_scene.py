@@ -1,8 +1,10 @@
-"""Records of a projector's calibration (see `details`)."""
+"""What is found of a scene: a projector's captures, objects before a camera. Records of `calibrant.data.details`."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+
+Row = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
@@ -32,3 +34,22 @@ class ProjectorCaptures:
     code: str
     patterns: int
     captures: tuple[ProjectorCapture, ...]
+
+
+@dataclass(frozen=True)
+class LocatedObject:
+    """An object before a camera. name; words: how its shape was read; segment_px: middle of its segment; area_px.
+
+    symmetries: T_object_same, 4x4, the identity first: the pose times each of them looks the same. undetermined:
+    directions that the data do not tell. faces: how many of its sides the depth shows; overlap: of the drawn shape and
+    the segment, 0 to 1.
+    """
+
+    name: str
+    words: str
+    segment_px: tuple[float, float]
+    area_px: int
+    symmetries: tuple[tuple[Row, Row, Row, Row], ...]
+    undetermined: tuple[str, ...] = ()
+    faces: int = 0
+    overlap: float = 0.0

@@ -71,6 +71,10 @@ HOME = {
     "mcap": {"formats"},
     "apsw": {"formats"},
     "pupil_apriltags": {"targets"},
+    "rtde_control": {"devices"},
+    "rtde_receive": {"devices"},
+    "panda_py": {"devices"},
+    "pyrealsense2": {"devices"},
 }
 """Heavy libraries and the only packages that may import them."""
 

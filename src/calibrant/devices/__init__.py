@@ -1,0 +1,4 @@
+"""Floor 6: robots and cameras behind the protocols of `data.devices`: the simulated cell, recordings, and hardware.
+
+A driver is a file, and a line in `register`; a spec such as `cell:seed=3` or `opencv:0` opens it.
+"""

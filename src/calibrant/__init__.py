@@ -82,6 +82,7 @@ if TYPE_CHECKING:
     from calibrant.tasks.verbs import undistort as undistort
     from calibrant.tasks.verbs import vanishing as vanishing
     from calibrant.tasks.verbs import verify_held_out as verify_held_out
+    from calibrant.tasks.verbs import verify_pick_place as verify_pick_place
     from calibrant.tasks.verbs import verify_pinpoint as verify_pinpoint
     from calibrant.tasks.verbs import verify_touch as verify_touch
     from calibrant.tasks.verbs import verify_unchanged as verify_unchanged
@@ -158,6 +159,7 @@ _PUBLIC = {
     "tool_touch": ("calibrant.tasks.verbs", "tool_touch"),
     "vanishing": ("calibrant.tasks.verbs", "vanishing"),
     "verify_held_out": ("calibrant.tasks.verbs", "verify_held_out"),
+    "verify_pick_place": ("calibrant.tasks.verbs", "verify_pick_place"),
     "verify_pinpoint": ("calibrant.tasks.verbs", "verify_pinpoint"),
     "verify_touch": ("calibrant.tasks.verbs", "verify_touch"),
     "verify_unchanged": ("calibrant.tasks.verbs", "verify_unchanged"),

@@ -284,6 +284,7 @@ ANSWERS: Mapping[str, Options] = {
     "study methods": {"noise": "0", "lens": "pinhole", "trials": 0, "views": 2},
     "demo": {"views": 6},
     "servo run": {},
+    "verify pick-place": {},
     **{f"project {word}": {} for word in ("new", "add", "list", "set", "rename", "remove", "solve", "status", "check")},
 }
 """Commands whose JSON is more than a result file, or another thing."""

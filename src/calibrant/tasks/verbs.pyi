@@ -774,6 +774,20 @@ def verify_held_out(
     workers: str | int | None = None,
     cache: str | None = None,
 ) -> CalibrationResult: ...
+def verify_pick_place(
+    *,
+    cubes: int = 10,
+    beside: str = "both",
+    yes: bool = False,
+    cell: bool = False,
+    seeds: int = 20,
+    first_seed: int = 0,
+    view: str = "wrist",
+    arm: str = "panda",
+    record: str | Path | None = None,
+    show: bool = False,
+    force: bool = False,
+) -> CalibrationResult: ...
 def verify_watch(
     result: str | Path,
     *,

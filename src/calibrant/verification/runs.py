@@ -95,7 +95,7 @@ def runs_json(result: CalibrationResult) -> dict[str, Any]:
     after = median_mm(found.runs, after=True)
     if after is not None:
         out["median_after_mm"] = after
-    return out | dict(found.beside)
+    return out | ({"beside": dict(found.beside)} if found.beside else {})
 
 
 def runs_text(result: CalibrationResult) -> str:

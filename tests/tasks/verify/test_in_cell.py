@@ -40,3 +40,22 @@ def test_what_does_not_go_with_a_cell_is_said() -> None:
     status, _, err = said("pinpoint")
     assert status == 2
     assert "--cell" in err
+
+
+@needs_opengl()
+@pytest.mark.long
+def test_a_cube_is_set_on_another_in_one_cell() -> None:
+    options = ("--cell", "--view", "top", "--seeds", "1", "--first-seed", "40", "--cubes", "1", "--json")
+    status, out, err = said("pick-place", *options)
+    assert status == 0, err
+    found = json.loads(out)
+    assert found["runs"][0]["passed"] is True
+    assert found["runs"][0]["error_mm"] < 5.0
+    assert len(found["beside"]) == 2
+
+
+def test_pick_and_place_without_a_robot_is_said() -> None:
+    status, _, err = said("pick-place")
+    assert status == 2
+    assert "give --cell" in err
+    assert said("pick-place", "--cell", "--cubes", "0")[0] == 2

@@ -36,8 +36,8 @@ class TaskRun:
 
 @dataclass(frozen=True)
 class TaskRuns:
-    """All runs of a task: what they are of, the frame of their offsets, the tolerance, what to do, and counts beside
-    them, such as those of another way to do the same."""
+    """All runs of a task: what they are of, the frame of their offsets, the tolerance, what to do, counts beside them,
+    such as those of another way to do the same, and what `after_mm` of a run is."""
 
     task: str
     frame: str
@@ -45,3 +45,4 @@ class TaskRuns:
     tolerance_mm: float | None = None
     advice: str = ""
     beside: Mapping[str, str] = field(default_factory=dict)
+    after: str = "after correction"

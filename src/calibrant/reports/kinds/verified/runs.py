@@ -51,7 +51,8 @@ def _tables(result: CalibrationResult) -> list[TextTable]:
         return []
     shown = [c for c in COLUMNS if any(c[2](r) is not None for r in found.runs)]
     words = {"x, y, z, mm", "remark", "passed", "inside"}
-    columns = (Column("run"), *(Column(name, name not in words) for name, _, _ in shown))
+    names = [name.replace("after correction", found.after) for name, _, _ in shown]
+    columns = (Column("run"), *(Column(name, name not in words) for name in names))
     rows = tuple((r.name, *(text(r) for _, text, _ in shown)) for r in found.runs)
     note = f"Along the axes of the {found.frame}: where the camera said, less where it is."
     tables = [TextTable("Run by run", columns, rows, note if any(r.offset_mm for r in found.runs) else "")]
@@ -115,3 +116,4 @@ def kind(title: str) -> Kind:
 PINPOINT = kind("The tip to a marker's centre")
 TOUCH = kind("Touched points against the camera")
 HELD_OUT = kind("Fresh views against the calibration")
+PICK_PLACE = kind("A cube set upon another one")

@@ -34,8 +34,11 @@ def test_a_sheet_is_drawn_as_by_the_renderer_of_sheets() -> None:
     # The renderer has ink 25 and paper 215; here both are shares of the light.
     light = Light(np.array([0.0, 0.0, 1.0]), 215 / 255 / 0.92, 0.0)
     lens = lens_map(CAMERA)
+    # Depth of the pinhole picture that holds the lens's.
+    u, v = np.meshgrid(np.arange(lens.size[0]), np.arange(lens.size[1]))
+    rays = np.stack([(u - lens.K[0, 2]) / lens.K[0, 0], (v - lens.K[1, 2]) / lens.K[1, 1], np.ones(u.shape)], axis=-1)
     n = T[:3, 2]
-    depth = (float(n @ T[:3, 3]) / (lens.rays @ n)).astype(np.float32)
+    depth = (float(n @ T[:3, 3]) / (rays @ n)).astype(np.float32)
     expected = render(
         target.artwork(), CAMERA, T, rng=np.random.default_rng(0), look=replace(IDEAL, ink_grey=0.10 / 0.92 * 215)
     )
@@ -52,12 +55,12 @@ def test_what_stands_before_a_sheet_hides_it() -> None:
     target = parse_target("charuco:6x5:40mm:31mm:DICT_5X5_1000")
     T = se3.make(np.eye(3), [-0.12, -0.1, 0.45])
     lens = lens_map(CAMERA)
-    depth = np.full((480, 640), 0.45, np.float32)
-    depth[:, 320:] = 0.445
+    depth = np.full(lens.size[::-1], 0.45, np.float32)
+    depth[:, lens.size[0] // 2 :] = 0.445
     drawn = np.full((480, 640, 3), 120, np.uint8)
     light = Light(np.array([0.0, 0.0, 1.0]), 1.0, 0.0)
     draw_sheet(drawn, depth, Sheet("board", target.artwork()), T, Eye(CAMERA, lens, np.eye(4), light))
-    assert np.all(drawn[:, 320:] == 120)
+    assert np.all(drawn[:, 330:] == 120)
     assert len(np.unique(drawn[200:300, 200:300])) > 2
 
 

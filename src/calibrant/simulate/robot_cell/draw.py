@@ -31,8 +31,8 @@ def drawn_light(spread: CellSpread, rng: np.random.Generator) -> Light:
     """A lamp above, from a side."""
     lean = 2.0 * spread.light * rng.standard_normal(2)
     direction = np.array([lean[0] + 0.15, lean[1] + 0.1, -1.0])
-    strength = np.clip(1 + spread.light * rng.standard_normal(), 0.7, 1.1)
-    return Light(direction / np.linalg.norm(direction), 0.55 * strength, 0.50 * strength)
+    strength = np.clip(1 + spread.light * rng.standard_normal(), 0.85, 1.1)
+    return Light(direction / np.linalg.norm(direction), 0.60 * strength, 0.50 * strength)
 
 
 def drawn_camera(spec: CellCamera, spread: CellSpread, rng: np.random.Generator) -> tuple[TrueCamera, Array]:
@@ -84,17 +84,22 @@ def drawn_places(spec: RobotCellSpec, rng: np.random.Generator) -> dict[str, Arr
     for item in spec.objects:
         if not item.present or item.T_base_object is not None:
             continue
-        placed[item.name] = _free_place(item, spec.spread.objects_m, taken, rng)
+        placed[item.name] = _free_place(item, spec, taken, rng)
     return placed
 
 
-def _free_place(item: CellObject, reach: float, taken: list[tuple[Array, float]], rng: np.random.Generator) -> Array:
+def _free_place(
+    item: CellObject, spec: RobotCellSpec, taken: list[tuple[Array, float]], rng: np.random.Generator
+) -> Array:
     radius = _radius(item)
     for attempt in range(2000):
         # The place grows where it is full.
-        half = (reach + 0.03) * np.array([0.7, 1.3]) * (1 + attempt / 1000)
+        half = (spec.spread.objects_m + 0.03) * np.array([0.7, 1.3]) * (1 + attempt / 1000)
         middle = _MIDDLE + rng.uniform(-half, half)
         if np.linalg.norm(middle) < 0.3:  # the arm cannot look down there
+            continue
+        belt = spec.conveyor
+        if belt is not None and abs(middle[0] - belt.x_m) < belt.width_m / 2 + radius + 0.01:
             continue
         if all(np.linalg.norm(middle - other) > radius + r + _APART_M for other, r in taken):
             taken.append((middle, radius))

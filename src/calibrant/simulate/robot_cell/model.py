@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibrant.arrays import Array
 from calibrant.robots.links import LinkChain
 from calibrant.simulate.robot_cell.arm.arms import CellArm, add_arm
 from calibrant.simulate.robot_cell.arm.gripper import add_gripper, add_tools
@@ -49,8 +50,8 @@ def build_world(spec: RobotCellSpec, arm: CellArm, true: LinkChain, light: Light
     flange = add_arm(world, arm, true) if arm.file is None else add_file_arm(world, arm)
     add_gripper(world, flange)
     add_tools(flange, parse_target(spec.stick_board), spec.stick_m)
-    for item in spec.objects:
-        _add_object(world, item)
+    for k, item in enumerate(spec.objects):
+        _add_object(world, item, np.array([6.0 + k, 0.0, 0.0]))
     return world.compile()
 
 
@@ -90,16 +91,16 @@ def _add_belt(world: mujoco.MjSpec, belt: Conveyor) -> None:
         type=mujoco.mjtGeom.mjGEOM_BOX,
         size=[belt.width_m / 2, _BELT_LENGTH / 2, belt.height_m / 2],
         rgba=(0.22, 0.23, 0.25, 1.0),
-        **_SOLID,
+        **(_SOLID | {"contype": 4, "conaffinity": 2}),  # it touches things and the arm, not the table below it
     )
 
 
-def _add_object(world: mujoco.MjSpec, item: CellObject) -> None:
-    """A free box, or a sheet that stays where it is put (MuJoCo's mocap body)."""
+def _add_object(world: mujoco.MjSpec, item: CellObject, place: Array) -> None:
+    """A free box, or a sheet that stays where it is put (MuJoCo's mocap body); at first apart from all others."""
     import mujoco
 
     if item.size is not None:
-        body = world.worldbody.add_body(name=item.name)
+        body = world.worldbody.add_body(name=item.name, pos=place)
         body.add_freejoint(name=item.name)
         body.add_geom(
             name=item.name,
@@ -108,13 +109,13 @@ def _add_object(world: mujoco.MjSpec, item: CellObject) -> None:
             rgba=(*COLOURS[item.colour], 1.0),
             density=900.0,  # of wood and plastic: 58 g for a cube of 4 cm
             contype=1,
-            conaffinity=3,
+            conaffinity=7,
             condim=4,
             friction=[0.8, 0.01, 0.001],
         )
         return
     x0, y0, x1, y1 = parse_target(str(item.target)).artwork().bounds
-    body = world.worldbody.add_body(name=item.name, mocap=True)
+    body = world.worldbody.add_body(name=item.name, mocap=True, pos=place)
     body.add_geom(
         name=item.name,
         type=mujoco.mjtGeom.mjGEOM_BOX,

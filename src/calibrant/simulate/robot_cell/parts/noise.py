@@ -65,6 +65,12 @@ class DepthNoise:
         if self.baseline_m <= 0:
             raise InputError(f"a stereo camera's baseline is above 0, got {self.baseline_m} m")
 
+    @property
+    def perfect(self) -> bool:
+        """Whether it changes nothing."""
+        errors = (self.subpixel_px, self.disparity_step_px, self.edge_px, self.offset_px, self.holes, self.unit_m)
+        return not any((*errors, self.largest_disparity_px))
+
     def sigma_m(self, depth_m: float, focal_px: float) -> float:
         """Noise of a depth, metres, from the equation above."""
         return depth_m**2 / (focal_px * self.baseline_m) * self.subpixel_px

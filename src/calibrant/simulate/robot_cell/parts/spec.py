@@ -150,7 +150,7 @@ TOP = replace(
 class Conveyor:
     """A belt along y in front of the arm: its middle's x, width and speed (towards +y), metres and m/s."""
 
-    x_m: float = 0.5
+    x_m: float = 0.62
     width_m: float = 0.16
     height_m: float = 0.02
     speed_m_s: float = 0.0

@@ -56,7 +56,7 @@ class SimulatedCamera:
         self._spec, self.true = spec, true
         self.T_parent_camera = T_parent_camera
         self._world, self._renderer, self._sheets, self._light = world, renderer, sheets, light
-        self._rng, self._bank = rng, NoiseBank(rng)
+        self._rng, self._bank = rng, NoiseBank(rng, correlation_px=spec.depth_noise.correlation_px)
         self._colour_map: LensMap = lens_map(true.colour)
         self._depth_map: LensMap = lens_map(true.depth)
         self._taken = 0
@@ -123,10 +123,10 @@ class SimulatedCamera:
         T = self.T_base_camera()
         lens = self._colour_map
         drawn, deep = self._renderer.colour_and_depth(PinholeView(lens.K, lens.size, T))
-        picture, depth = lens.colour(drawn), lens.depth(deep)
+        picture = lens.colour(drawn)
         eye = Eye(self.true.colour, lens, T, self._light)
         for sheet in self._sheets():
-            draw_sheet(picture, depth, sheet, self._world.pose(sheet.body), eye)
+            draw_sheet(picture, deep, sheet, self._world.pose(sheet.body), eye)
         return noisy_colour(picture, self._spec.noise, self._bank)
 
     def _depth(self) -> NDArray[np.float32]:

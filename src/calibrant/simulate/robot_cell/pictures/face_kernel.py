@@ -29,11 +29,12 @@ def draw_face(  # type: ignore[no-untyped-def]
 ):
     """H (3, 3): from rays (z = 1) to homogeneous texels, its last row n . ray / offset, 1 / depth of the plane.
 
-    pattern (k, 2): places in a pixel, -1/2 to 1/2; paper, ink: greys; close: metres by which the depth may differ from
-    the plane's, slope_u, slope_v: |n_x| / fx, |n_y| / fy, how it changes from pixel to pixel.
+    depth: of the window; pattern (k, 2): places in a pixel, -1/2 to 1/2; paper, ink: greys; close: metres by
+    which the depth may differ from the plane's, slope_u, slope_v: |n_x| / fx, |n_y| / fy, how it changes from pixel to
+    pixel.
     """
     first_row, last_row, first_column, last_column = window
-    height, width = depth.shape
+    height, width = rays.shape[0], rays.shape[1]
     rows, columns = clearance.shape
     count = pattern.shape[0]
     for r in range(first_row, last_row):
@@ -44,7 +45,7 @@ def draw_face(  # type: ignore[no-untyped-def]
             if w <= 1e-6:
                 continue
             z = 1.0 / w
-            if abs(depth[r, c] - z) > close + 0.5 * z * z / offset * (slope_u + slope_v):
+            if abs(depth[r - first_row, c - first_column] - z) > close + 0.5 * z * z / offset * (slope_u + slope_v):
                 continue
             u = (H[0, 0] * x + H[0, 1] * y + H[0, 2]) * z
             v = (H[1, 0] * x + H[1, 1] * y + H[1, 2]) * z

@@ -19,26 +19,30 @@ _MARGIN_PX = 2
 @dataclass(frozen=True, eq=False)
 class LensMap:
     """rays (h, w, 3) of the camera's pixels with z = 1; K and size of the pinhole picture that holds all of them; u, v
-    (h, w) float32, where in it each pixel lies, or None where both pictures are one."""
+    (h, w) float32, where in it each pixel lies, or None where both are one; fixed: the same in whole numbers."""
 
     rays: Array
     K: Array
     size: tuple[int, int]
     u: NDArray[np.float32] | None
     v: NDArray[np.float32] | None
+    fixed: tuple[NDArray[np.int16], NDArray[np.uint16]] | None = None
 
     def colour(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """The camera's picture out of the pinhole's."""
-        if self.u is None or self.v is None:
+        if self.fixed is None:
             return picture
-        out = cv2.remap(picture, self.u, self.v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        out = cv2.remap(picture, *self.fixed, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(out, dtype=np.uint8)
 
-    def depth(self, picture: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The same for depth: of the nearest pixel, as depths of two things have no mean."""
+    def depth(
+        self, picture: NDArray[np.float32], rows: slice = slice(None), columns: slice = slice(None)
+    ) -> NDArray[np.float32]:
+        """The same for depth, or a part of it: of the nearest pixel, as depths of two things have no mean."""
         if self.u is None or self.v is None:
-            return picture
-        out = cv2.remap(picture, self.u, self.v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+            return np.ascontiguousarray(picture[rows, columns])
+        u, v = (np.ascontiguousarray(m[rows, columns]) for m in (self.u, self.v))
+        out = cv2.remap(picture, u, v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(out, dtype=np.float32)
 
 
@@ -58,4 +62,7 @@ def lens_map(camera: Camera) -> LensMap:
     shifted[:2, 2] -= low
     size = (int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1)
     u, v = (np.ascontiguousarray((at - low)[..., k], dtype=np.float32) for k in (0, 1))
-    return LensMap(rays, shifted, size, u, v)
+    # Places to 1/32 px, as OpenCV's interpolation of bytes has them anyway.
+    whole, parts = cv2.convertMaps(u, v, cv2.CV_16SC2)
+    fixed = (np.asarray(whole, dtype=np.int16), np.asarray(parts, dtype=np.uint16))
+    return LensMap(rays, shifted, size, u, v, fixed)

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrant.opencv import cv2
+from calibrant.simulate.robot_cell.pictures.sensor_kernels import to_metres
 from calibrant.simulate.robot_cell.pictures.views import FAR_M, NEAR_M, PinholeView
 from calibrant.simulate.robot_cell.world.engine import need_mujoco
 
@@ -42,7 +44,7 @@ class OpenGLRenderer:
         colour = np.empty((height, width, 3), dtype=np.uint8)
         raw = np.empty((height, width), dtype=np.float32)
         self._draw(view, colour, raw, plain=False)
-        return np.ascontiguousarray(colour[::-1, :, ::-1]), _metres(raw)
+        return np.asarray(cv2.cvtColor(colour[::-1], cv2.COLOR_RGB2BGR), dtype=np.uint8), _metres(raw)
 
     def depth(self, view: PinholeView) -> NDArray[np.float32]:
         width, height = view.size
@@ -89,9 +91,9 @@ def _aim(camera: Any, view: PinholeView) -> None:
 
 
 def _metres(raw: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Depth from the reversed buffer (1 at the near plane, 0 at the far one), top row first."""
-    buffer = raw[::-1].astype(np.float32)
-    return np.float32(NEAR_M * FAR_M) / (np.float32(NEAR_M) + buffer * np.float32(FAR_M - NEAR_M))
+    out = np.empty_like(raw)
+    to_metres(out, raw, np.float32(NEAR_M), np.float32(FAR_M))
+    return out
 
 
 def open_context() -> tuple[str, Any] | str:

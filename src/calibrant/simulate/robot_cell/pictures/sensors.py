@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from calibrant.opencv import cv2
 from calibrant.simulate.robot_cell.parts.noise import CameraNoise, DepthNoise
+from calibrant.simulate.robot_cell.pictures.sensor_kernels import add_noise, bend, measure_depth
 
-_BANK = 1 << 21
 _STEP_PX = 0.3
 """Two surfaces in a matching window that differ by several times the disparity's noise spoil each other: a cube of 4 cm
 stands out by 0.4 px at 2 m, by 0.9 px at 1.3 m."""
+_FINE = 1e-6
+"""In place of no rounding: pixels of disparity, metres; below what 32 bits hold."""
+_SIDE = 1448
+"""Of the square of numbers in a bank: two million."""
 
 
 class NoiseBank:
@@ -20,31 +27,53 @@ class NoiseBank:
     A picture has a million: drawing them anew took longer than drawing the picture.
     """
 
-    def __init__(self, rng: np.random.Generator) -> None:
+    def __init__(self, rng: np.random.Generator, *, correlation_px: float) -> None:
         self._rng = rng
-        self._numbers = rng.standard_normal(_BANK, dtype=np.float32)
+        self._white = rng.standard_normal(_SIDE * _SIDE, dtype=np.float32)
+        self._smooth = _smoothed(self._white.reshape(_SIDE, _SIDE), correlation_px)
 
-    def take(self, shape: tuple[int, ...]) -> NDArray[np.float32]:
-        """Numbers in this shape (fewer than the bank holds)."""
-        count = int(np.prod(shape))
-        start = int(self._rng.integers(_BANK - count)) if count < _BANK else 0
-        return np.resize(self._numbers[start : start + count], shape)
+    def white(self, count: int) -> NDArray[np.float32]:
+        """That many independent numbers."""
+        if count > len(self._white):
+            return self._rng.standard_normal(count, dtype=np.float32)
+        start = int(self._rng.integers(len(self._white) - count + 1))
+        return self._white[start : start + count]
+
+    def smooth(self, rows: int, columns: int) -> NDArray[np.float32]:
+        """Numbers (rows * columns,) of a picture whose neighbours are alike."""
+        if rows > _SIDE or columns > _SIDE:
+            return self.white(rows * columns)
+        r, c = (int(self._rng.integers(_SIDE - n + 1)) for n in (rows, columns))
+        return np.ascontiguousarray(self._smooth[r : r + rows, c : c + columns]).ravel()
+
+
+def _smoothed(white: NDArray[np.float32], correlation_px: float) -> NDArray[np.float32]:
+    """White noise blurred, and scaled to sigma 1: times 2 sqrt(pi) of the blur."""
+    if correlation_px <= 0.3:
+        return white
+    blurred = np.asarray(cv2.GaussianBlur(white, (0, 0), correlation_px), dtype=np.float32)
+    return blurred / np.float32(blurred.std())
 
 
 def noisy_colour(picture: NDArray[np.uint8], noise: CameraNoise, bank: NoiseBank) -> NDArray[np.uint8]:
     """Blur, then shot and read noise, then 8 bits, then compression."""
-    image = picture.astype(np.float32)
+    out = picture
     if noise.blur_px > 0:
-        image = np.asarray(cv2.GaussianBlur(image, (0, 0), noise.blur_px))
-    shot = 255.0 / noise.well_electrons if noise.well_electrons > 0 else 0.0
-    if shot > 0 or noise.read_grey > 0:
-        sigma = np.sqrt(image * np.float32(shot) + np.float32(noise.read_grey**2))
-        image += sigma * bank.take(image.shape)
-    out = np.asarray(cv2.convertScaleAbs(np.maximum(image, 0.0)), dtype=np.uint8)
+        out = np.asarray(cv2.GaussianBlur(picture, (0, 0), noise.blur_px), dtype=np.uint8)
+    if noise.well_electrons > 0 or noise.read_grey > 0:
+        out = np.ascontiguousarray(out) if out is not picture else picture.copy()
+        add_noise(out.reshape(-1), _sigma(noise.well_electrons, noise.read_grey), bank.white(out.size))
     if noise.jpeg_quality:
         _, data = cv2.imencode(".jpg", out, [cv2.IMWRITE_JPEG_QUALITY, int(noise.jpeg_quality)])
         out = np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), dtype=np.uint8)
     return out
+
+
+@lru_cache(maxsize=8)
+def _sigma(well_electrons: float, read_grey: float) -> NDArray[np.float32]:
+    """1 sigma by grey (256,): of the electrons that a grey is, and of reading them."""
+    shot = 255.0 / well_electrons if well_electrons > 0 else 0.0
+    return np.sqrt(shot * np.arange(256) + read_grey**2).astype(np.float32)
 
 
 def noisy_depth(
@@ -59,59 +88,45 @@ def noisy_depth(
     """Depth as an active stereo camera measures it, NaN where it has none.
 
     depth (h, w): true, metres. A pixel of the left imager is hidden from the right one when another, to its right,
-    meets the same place there: u - d(u) >= u' - d(u') for some u' > u.
+    meets the same place there: u - d(u) >= u' - d(u') for some u' > u. A matching window that holds a step of disparity
+    beside its middle is lost; one that holds it farther out loses in half of the places, as a window takes the side
+    with more texture. A slanted plane is no step: its disparity is linear in the picture.
     """
+    if noise.perfect:
+        return depth
+    rows, columns = depth.shape
     fb = focal_px * noise.baseline_m
-    disparity = np.float32(fb) / depth
-    width = depth.shape[1]
-    lost = np.zeros(depth.shape, dtype=bool)
-    if noise.largest_disparity_px > 0:
-        right = np.arange(width, dtype=np.float32) - disparity
-        least = np.minimum.accumulate(right[:, ::-1], axis=1)[:, ::-1]
-        lost[:, :-1] = right[:, :-1] >= least[:, 1:]
-        lost |= disparity > noise.largest_disparity_px
-    measured = disparity + np.float32(offset_px)
-    if noise.edge_px > 0:
-        lost |= _near_steps(disparity, noise.edge_px, rng)
-    if noise.subpixel_px > 0:
-        measured = measured + np.float32(noise.subpixel_px) * _smooth_noise(bank, depth.shape, noise.correlation_px)
-    if noise.disparity_step_px > 0:
-        step = np.float32(noise.disparity_step_px)
-        measured = np.rint(measured / step) * step
-    if noise.holes > 0:
-        lost |= bank.take(depth.shape) > _quantile(noise.holes)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        out = np.float32(fb) / measured
-        if noise.unit_m > 0:
-            out = np.rint(out / np.float32(noise.unit_m)) * np.float32(noise.unit_m)
-    out[lost | ~(measured > 0)] = np.nan
-    return out.astype(np.float32)
+    disparity = np.divide(np.float32(fb), depth)
+    near, wide = _steps(disparity, noise.edge_px)
+    sure = rng.random((rows // 4 + 1, columns // 4 + 1), dtype=np.float32) < 0.5
+    hole = float(ndtri(1 - noise.holes)) if noise.holes > 0 else np.inf
+    largest = noise.largest_disparity_px if noise.largest_disparity_px > 0 else np.inf
+    step = _STEP_PX if noise.edge_px > 0 else np.inf
+    figures = np.array(
+        [
+            fb,
+            largest,
+            offset_px,
+            step,
+            noise.subpixel_px,
+            noise.disparity_step_px or _FINE,
+            hole,
+            noise.unit_m or _FINE,
+        ],
+        dtype=np.float32,
+    )
+    out = np.empty_like(disparity)
+    smooth = bank.smooth(rows, columns)
+    measure_depth(out, disparity, near, wide, sure, smooth, bank.white(rows * columns), figures)
+    return out
 
 
-def _near_steps(disparity: NDArray[np.float32], edge_px: float, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """Pixels whose matching window holds two surfaces: a step of disparity within reach.
-
-    The reach differs from place to place by half, as a window takes the side with more texture.
-    """
-    size = 2 * round(edge_px) + 1
-    kernel = np.ones((size, size), np.uint8)
-    spread = cv2.dilate(disparity, kernel) - cv2.erode(disparity, kernel)
-    near = cv2.dilate(disparity, np.ones((3, 3), np.uint8)) - cv2.erode(disparity, np.ones((3, 3), np.uint8))
-    coarse = rng.random((disparity.shape[0] // 4 + 1, disparity.shape[1] // 4 + 1)) < 0.5
-    sure = np.kron(coarse, np.ones((4, 4), dtype=bool))[: disparity.shape[0], : disparity.shape[1]]
-    return np.asarray((near > _STEP_PX) | ((spread > _STEP_PX) & sure))
-
-
-def _smooth_noise(bank: NoiseBank, shape: tuple[int, ...], correlation_px: float) -> NDArray[np.float32]:
-    """Normal noise of sigma 1 whose neighbours are alike: white noise blurred, times 2 sqrt(pi) of the blur."""
-    white = bank.take(shape)
-    if correlation_px <= 0.3:
-        return white
-    blurred = cv2.GaussianBlur(white, (0, 0), correlation_px)
-    return np.asarray(blurred * np.float32(2 * np.sqrt(np.pi) * correlation_px))
-
-
-def _quantile(share: float) -> float:
-    from scipy.special import ndtri
-
-    return float(ndtri(1 - share))
+def _steps(disparity: NDArray[np.float32], edge_px: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """How far the disparity is from a plane's around each pixel, and the most of that within the window: two (h, w)."""
+    if edge_px <= 0:
+        return disparity, disparity
+    near = np.empty_like(disparity)
+    bend(near, disparity)
+    size = 2 * round(edge_px) - 1
+    wide = cv2.dilate(near, np.ones((size, size), np.uint8))
+    return near, np.asarray(wide, dtype=np.float32)

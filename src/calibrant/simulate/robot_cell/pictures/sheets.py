@@ -74,7 +74,7 @@ class Eye:
 def draw_sheet(
     picture: NDArray[np.uint8], depth: NDArray[np.float32], sheet: Sheet, T_base_sheet: Array, eye: Eye
 ) -> None:
-    """Draw a sheet into the picture (h, w, 3), where the depth (h, w) shows its face."""
+    """Draw a sheet into the picture (h, w, 3), where the depth, of the lens's pinhole picture, shows its face."""
     T = se3.inverse(eye.T_base_camera) @ T_base_sheet
     rows, columns = sheet_window(sheet.artwork, eye.camera, T)
     normal, place = T[:3, 2], T[:3, 3]  # the normal goes into the sheet
@@ -95,7 +95,8 @@ def draw_sheet(
     down = eye.light.direction @ eye.T_base_camera[:3, :3]
     shade = 255.0 * (eye.light.ambient + eye.light.diffuse * max(0.0, float(down @ normal)))
     window = (rows.start, rows.stop, columns.start, columns.stop)
+    near = eye.lens.depth(depth, rows, columns)
     draw_face(
-        picture, depth, eye.lens.rays, H, texture.data, texture.clearance, _PATTERN, window,
+        picture, near, eye.lens.rays, H, texture.data, texture.clearance, _PATTERN, window,
         _PAPER * shade, _INK * shade, _CLOSE_M, abs(normal[0]) / fx, abs(normal[1]) / fy, offset,
     )  # fmt: skip

@@ -76,8 +76,8 @@ class World:
 
     def settle(self) -> None:
         """Poses follow from joints, without time passing."""
-        self._mujoco.mj_forward(self.model, self.data)
-        self._behind = False
+        self._behind = True
+        self.catch_up()
 
     def catch_up(self) -> None:
         """After a step MuJoCo's places are those before it, its joints those after: bring the places up to now."""

@@ -11,8 +11,11 @@ from calibrant.perceive.object_pose.locate import locate
 from calibrant.perceive.object_pose.poses import ObjectPose
 from calibrant.perceive.object_pose.seen import Scene
 from calibrant.perceive.object_pose.shapes import box
-from calibrant.perceive.registered_depth.noise import D435, DepthNoise
+from calibrant.perceive.registered_depth.noise import DepthNoise
 from calibrant.perceive.registered_depth.register import DepthRig
+
+BASELINE_M = 0.050
+"""Of the D435; a longer one has less noise, which the table shows."""
 
 
 def locate_cubes(
@@ -22,17 +25,19 @@ def locate_cubes(
     *,
     side: float,
     rig: DepthRig | None = None,
-    noise: DepthNoise = D435,
+    noise: DepthNoise | None = None,
 ) -> list[ObjectPose]:
     """T_camera_cube of every cube of a colour, largest in the picture first; the cube's frame stands in its middle.
 
     Args: camera: of the colour picture; side, metres; rig: where depth has a camera of its own, else it is in the
-    colour picture's grid; noise: of the depth. Raises: InputError for a picture without depth; RefusedError where no
-    cube was located, with the reason for each part of that colour.
+    colour picture's grid; noise: of the depth, by default a D435's at its focal length. Raises: InputError for a
+    picture without depth; RefusedError where no cube was located, with the reason for each part of that colour.
     """
     if picture.depth is None:
         raise InputError(f"picture {picture.name} has no depth: where a cube is, its colour alone does not tell")
     cameras = rig or DepthRig.aligned(camera)
+    if noise is None:
+        noise = DepthNoise.stereo(focal_px=cameras.depth.parameters["fx"], baseline_m=BASELINE_M)
     scene = Scene.of(picture.colour, picture.depth, cameras, noise=noise)
     found = find_segments(picture.colour, colour)
     if not found:

@@ -32,8 +32,9 @@ _STRIP_LEVEL, _STRIP_SPREAD = 0.75, 0.4
 """Of a strip's brightness, the top's being 1: lambertian sides of things lit from above have 0.35 to 1.1."""
 MODEL_ERROR = 0.05
 """Of the contrast: what sRGB's curve makes a blurred step differ from the model's by."""
-LEAST_SIGMA_PX = 0.02
-"""Interpolation between pixels errs by this much."""
+LEAST_SIGMA_PX = 0.05
+"""Of a piece: pixels that integrated nothing would be off by 0.29 px each, 0.1 px for nine; Bayer patterns, and lenses
+that blur by less than a pixel, are half way there."""
 _WORST_SIGMA_PX = 0.7
 
 

@@ -68,16 +68,27 @@ class Measurements:
 class FaceDepths(Factor):
     """Inverse depths of pixels on faces of the object."""
 
-    def __init__(self, normals: Array, offsets: Array, rays: Array, m: Measurements, T_depth_colour: Array) -> None:
-        self.n, self.d = normals[m.face], offsets[m.face]
-        self.rays, self.inverse, self.T = rays, m.inverse, T_depth_colour
+    def __init__(
+        self,
+        normals: Array,
+        offsets: Array,
+        face: NDArray[np.int64],
+        inverse: Array,
+        sigma: float,
+        *,
+        rays: Array,
+        T_depth_colour: Array,
+    ) -> None:
+        """normals (m, 3), offsets (m,): n . x = d of the faces, object's frame; face, inverse (n,), rays (n, 3)."""
+        self.n, self.d = normals[face], offsets[face]
+        self.rays, self.inverse, self.T = rays, inverse, T_depth_colour
         super().__init__(
             "depth",
             variables=("T_camera_object", "scale"),
             indices=(_ONE, _ONE),
             dim=1,
             noise="depth",
-            relative_sigma=m.sigma_inverse,
+            relative_sigma=sigma,
             row_offsets=np.array([0, len(rays)]),
         )
 
@@ -177,7 +188,8 @@ def fit(m: Measurements, normals: Array, offsets: Array, rig: DepthRig, T_start:
             factors.append(VectorPrior("scale", "scale", 0, np.zeros(1), sqrt_information=root))
     if len(m.inverse):
         rays = rig.depth.unproject(m.uv_depth)
-        factors.append(FaceDepths(normals, offsets, rays / rays[:, 2:], m, se3.inverse(rig.T_colour_depth)))
+        seen = {"rays": rays / rays[:, 2:], "T_depth_colour": se3.inverse(rig.T_colour_depth)}
+        factors.append(FaceDepths(normals, offsets, m.face, m.inverse, m.sigma_inverse, **seen))
     if len(m.points):
         order = np.argsort(m.side, kind="stable")
         numbers, first = np.unique(m.side[order], return_index=True)

@@ -125,7 +125,8 @@ class RegisteredDepth:
     @cached_property
     def sigma_z(self) -> Array:
         """1 sigma of the depth (h, w), metres: noise and common scale; NaN where not known."""
-        return np.hypot(self.noise.sigma_z(self.z), self.noise.scale_sigma * self.z)
+        shared = np.hypot(self.noise.scale_sigma * self.z, self.noise.offset_sigma * self.z**2)
+        return np.hypot(self.noise.sigma_z(self.z), shared)
 
     def landing(self, at: Mask) -> tuple[Array, Array]:
         """Where the depths of colour pixels land: pixels (n, 2) and their covariances (n, 2, 2).
@@ -200,7 +201,7 @@ def landing(rig: DepthRig, depth: Array, flat: NDArray[np.int64], *, noise: Dept
         known = np.zeros((J.shape[2], J.shape[2]))
         known[1:, 1:] = rig.calibration
         spread = J @ known @ np.swapaxes(J, 1, 2)
-        sigma = np.hypot(noise.sigma_z(z), noise.scale_sigma * z)
+        sigma = np.sqrt(noise.sigma_z(z) ** 2 + (noise.scale_sigma * z) ** 2 + (noise.offset_sigma * z * z) ** 2)
         covariance[part] = spread + np.einsum("ni,nj,n->nij", J[:, :, 0], J[:, :, 0], sigma**2)
     return uv, covariance
 

@@ -1,0 +1,1 @@
+"""Hand-eye from a single point that a depth camera sees."""

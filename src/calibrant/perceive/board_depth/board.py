@@ -1,0 +1,204 @@
+"""A board's pose from colour and depth together, and what the depth's scale is by the board.
+
+The corners tell the pose with the covariance S of their pixels; the depths z of the pixels within the board tell its
+plane, with the depth's noise. Both in one problem:
+
+    r_pose  = S^-1/2 (pose - pose by corners)                    (6)
+    r_depth = (1 - s) (m . r) / D - 1/z,   m . p = D the board's plane in the depth camera's frame
+
+s is the common scale of the depths, a prior of its own sigma (0 by default: as they are). With no prior and many boards
+s is what is asked: a depth camera's scale is checked in the field by any board whose size is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibrant.arrays import Array, Mask
+from calibrant.calibrate.pose.target_poses import target_poses
+from calibrant.cameras import Camera
+from calibrant.data import View
+from calibrant.errors import InputError, RefusedError
+from calibrant.geometry import se3, so3
+from calibrant.opencv import cv2
+from calibrant.optimize import SE3, Factor, Problem, Solution, Variable, VectorPrior, solve, vector
+from calibrant.optimize.factors import EXACT
+from calibrant.perceive.object_pose.fit import FaceDepths
+from calibrant.perceive.registered_depth.noise import DepthNoise
+from calibrant.perceive.registered_depth.planes import find_plane, rays_of
+from calibrant.perceive.registered_depth.register import DepthRig, checked_depth
+
+LEAST_DEPTHS = 100
+"""Pixels with depth within a board: fewer tell its plane no better than its corners do."""
+MOST_DEPTHS = 4000
+RIM_PX = 3
+_ONE = np.zeros(1, dtype=np.int64)
+LOOSE_SCALE = 0.2
+"""Sigma of a scale that nobody knows: off by a fifth is another unit."""
+FLAT = np.array([[0.0, 0.0, 1.0]])
+
+
+@dataclass(frozen=True, eq=False)
+class BoardPose:
+    """T_camera_target (4, 4), covariance (6, 6), of corners and depth; by_corners: (6, 6) that the corners alone give;
+    scale, scale_sigma: relative, of the depths against the corners; noise: of the depth as the board shows it; depths:
+    pixels used."""
+
+    T_camera_target: Array
+    covariance: Array
+    by_corners: Array
+    scale: float
+    scale_sigma: float
+    noise: DepthNoise
+    depths: int
+
+    @property
+    def gain(self) -> float:
+        """By how much the sigma along the camera's axis shrank, 1 for not at all."""
+        return float(np.sqrt(self.by_corners[5, 5] / self.covariance[5, 5]))
+
+
+class CornersPose(Factor):
+    """The pose as the corners give it: r = S^-1/2 local(T_corners, T)."""
+
+    def __init__(self, T: Array, covariance: Array) -> None:
+        self.T, self.root = T, np.linalg.inv(np.linalg.cholesky(covariance))
+        super().__init__("corners", variables=("T_camera_object",), indices=(_ONE,), dim=6, noise=EXACT)
+
+    def linearize(self, *values: Array) -> tuple[Array, tuple[Array, ...]]:
+        r = se3.local(self.T, values[0][0])
+        J = np.eye(6)
+        J[:3, :3] = so3.left_jacobian_inverse(r[:3])
+        return (self.root @ r)[None], ((self.root @ J)[None],)
+
+
+def board_pose(
+    view: View, depth: Array, rig: DepthRig, *, sigma_px: float, noise: DepthNoise, free_scale: bool = False
+) -> BoardPose:
+    """The pose of a flat board, z = 0, from its corners and its depth.
+
+    Args: depth (h, w), metres, the depth camera's grid; sigma_px: of a corner, per axis; noise: expected of the depth,
+    of which the board shows the level; its `scale_sigma` counts, and with free_scale that is unknown.
+    Raises: InputError for a board with depth of its own; RefusedError where too few pixels on it have depth.
+    """
+    if np.ptp(view.points[:, 2]) > 1e-9:
+        raise InputError(f"view {view.id!r}: the depth of flat boards alone is compared; this target is none")
+    found = target_poses(rig.colour, [view])
+    T, by_corners = found.T_camera_target[0], found.covariance[0] * sigma_px**2
+    by_corners = by_corners + _by_lens(rig.colour, view, T)
+    z = checked_depth(depth, rig)
+    inside = _within(view, T, rig)
+    rays = rays_of(rig.depth)
+    count = int((inside & np.isfinite(z)).sum())
+    if count < LEAST_DEPTHS:
+        raise RefusedError(
+            f"view {view.id!r}: {count} pixels on the board have depth, {LEAST_DEPTHS} are needed; is the board nearer "
+            "than the depth camera measures, or shiny?"
+        )
+    plane = find_plane(z, rays, inside, noise=noise, what=f"the plane of the board in view {view.id!r}")
+    near = inside & np.isfinite(z)
+    near &= np.abs(rays @ plane.a - 1 / np.where(np.isfinite(z), z, np.inf)) <= 4 * plane.noise.inverse_sigma
+    rows, columns = np.nonzero(near)
+    pick = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), MOST_DEPTHS)).astype(np.int64))
+    every = len(rows) / len(pick)
+    r, q = rays[rows[pick], columns[pick]], 1 / z[rows[pick], columns[pick]]
+    sigma = plane.noise.inverse_sigma * max(plane.noise.pixels_per_sample / every, 1.0) ** 0.5
+    loose = LOOSE_SCALE if free_scale else noise.scale_sigma
+    solution = _solved(T, by_corners, r, q, sigma, rig, loose)
+    joint = solution.joint_covariance([("T_camera_object", 0), ("scale", 0)])
+    return BoardPose(
+        solution.value("T_camera_object")[0],
+        joint[:6, :6],
+        by_corners,
+        float(solution.value("scale")[0, 0]),
+        float(np.sqrt(joint[6, 6])),
+        plane.noise,
+        len(pick),
+    )
+
+
+def _solved(T: Array, by_corners: Array, r: Array, q: Array, sigma: float, rig: DepthRig, loose: float) -> Solution:
+    held = () if loose > 0 else ("scale",)
+    variables = (Variable("T_camera_object", SE3(), T[None]), vector("scale", [0.0], ["scale"], held=held))
+    face = np.zeros(len(q), dtype=np.int64)
+    depths = FaceDepths(FLAT, np.zeros(1), face, q, sigma, rays=r, T_depth_colour=se3.inverse(rig.T_colour_depth))
+    factors: list[Factor] = [CornersPose(T, by_corners), depths]
+    if loose > 0:
+        factors.append(VectorPrior("scale", "scale", 0, np.zeros(1), sqrt_information=np.array([[1 / loose]])))
+    return solve(Problem(variables, tuple(factors)))
+
+
+def _within(view: View, T: Array, rig: DepthRig) -> Mask:
+    """Pixels (h, w) of the depth camera within the corners' hull, a rim left out."""
+    p = se3.apply(se3.inverse(rig.T_colour_depth) @ T, view.points)
+    uv = rig.depth.project(p)
+    width, height = rig.depth.image_size
+    mask = np.zeros((height, width), np.uint8)
+    if np.isfinite(uv).all():
+        cv2.fillConvexPoly(mask, np.rint(cv2.convexHull(uv.astype(np.float32))).astype(np.int32), 1)
+    size = 2 * RIM_PX + 1
+    return np.asarray(cv2.erode(mask, np.ones((size, size), np.uint8)) > 0)
+
+
+def _by_lens(camera: Camera, view: View, T: Array) -> Array:
+    """Covariance (6, 6) of the pose by the lens' errors: the pose that each independent one of them gives."""
+    out = np.zeros((6, 6))
+    if camera.covariance is None:
+        return out
+    values, vectors = np.linalg.eigh(camera.covariance)
+    for value, direction in zip(values, vectors.T):
+        if value > 1e-12 * values.max():
+            off = Camera(camera.model, camera.image_size, camera.values + np.sqrt(value) * direction)
+            moved = target_poses(off, [view])
+            both = [se3.local(T, M) for M in (moved.T_camera_target[0], moved.doubles[0])]
+            delta = min(both, key=lambda d: float(np.linalg.norm(d)))
+            out += np.outer(delta, delta)
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class DepthScale:
+    """How a depth camera's depths compare with boards. scale: relative, 0.01 for 1 % too long; sigma; views: scale and
+    sigma of each; spread: of the views beyond their own sigmas, relative."""
+
+    scale: float
+    sigma: float
+    views: tuple[tuple[str, float, float], ...]
+    spread: float
+
+
+def depth_scale(
+    views: Sequence[View], depths: Sequence[Array], rig: DepthRig, *, sigma_px: float, noise: DepthNoise
+) -> DepthScale:
+    """The common scale of a depth camera's depths by boards whose size is known.
+
+    Weighted mean of the views, sigma by a random part that the views show they have beyond their own (DerSimonian and
+    Laird 1986, "Meta-analysis in clinical trials"). The lens' errors, which all views share, are not averaged.
+    """
+    if len(views) != len(depths) or not views:
+        raise InputError(
+            f"{len(views)} views and {len(depths)} depth pictures: expected one for each, and one at least"
+        )
+    found = [board_pose(v, z, rig, sigma_px=sigma_px, noise=noise, free_scale=True) for v, z in zip(views, depths)]
+    s, sigma = np.array([f.scale for f in found]), np.array([f.scale_sigma for f in found])
+    shared = _shared_scale(rig.colour, views[0])
+    own = np.sqrt(np.maximum(sigma**2 - shared**2, (0.1 * sigma) ** 2))
+    w = 1 / own**2
+    mean = float(np.sum(w * s) / np.sum(w))
+    tau = 0.0
+    if len(s) > 1:
+        Q = float(np.sum(w * (s - mean) ** 2))
+        tau = max(0.0, (Q - (len(s) - 1)) / float(np.sum(w) - np.sum(w**2) / np.sum(w)))
+        w = 1 / (own**2 + tau)
+        mean = float(np.sum(w * s) / np.sum(w))
+    each = tuple((v.id, float(a), float(b)) for v, a, b in zip(views, s, sigma))
+    return DepthScale(mean, float(np.hypot(1 / np.sqrt(np.sum(w)), shared)), each, float(np.sqrt(tau)))
+
+
+def _shared_scale(camera: Camera, view: View) -> float:
+    """1 sigma of distances by the lens, relative: the focal length's, mostly; alike in all views."""
+    T = target_poses(camera, [view]).T_camera_target[0]
+    return float(np.sqrt(_by_lens(camera, view, T)[5, 5])) / float(T[2, 3])

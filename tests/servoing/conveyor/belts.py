@@ -51,14 +51,16 @@ def make_belt(seed: int, *, speed: float, turn: float, sigma_px: float = 0.1, la
     """The arm waits above the belt (along +y), the cube comes from before it."""
     rng = np.random.default_rng(seed)
     chain = arm("ur5e")
-    T = se3.make(DOWN, [0.45, -0.10, 0.34])
+    T = se3.make(DOWN, [0.45, -0.20, 0.34])
     found = solve_inverse(chain, T, np.array([0.0, -1.2, 1.6, -2.0, -1.57, 0.0]))
     assert bool(found.reached)
-    robot = KinematicArm(chain, found.q)
+    q = found.q.copy()
+    q[5] = (q[5] + np.pi) % (2 * np.pi) - np.pi  # with room to turn to both sides
+    robot = KinematicArm(chain, q)
     heading = rng.uniform(-0.3, 0.3)
     velocity = speed * np.array([np.sin(heading), np.cos(heading), 0.0])
     seen = (T @ HAND)[:3, 3]
-    place = np.array([seen[0] + rng.uniform(-0.03, 0.03), seen[1] + rng.uniform(-0.05, 0.0), CUBE / 2])
+    place = np.array([seen[0] + rng.uniform(-0.03, 0.03), seen[1] + rng.uniform(-0.05, 0.0) - 0.35 * speed, CUBE / 2])
     first = se3.make(so3.exp([0, 0, rng.uniform(-0.6, 0.6)]), place)
 
     def moving(t: float) -> Array:

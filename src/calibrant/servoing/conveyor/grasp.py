@@ -51,9 +51,9 @@ class Finder(Protocol):
 class GraspOptions:
     """stand_off_m: how far the approach begins from the grasp, along the gripper's z; open_m, close_m: widths; lift_m;
     gain: 1/s; period_s: of one motion; near_m, near_rad: where the gripper must be for the approach to go on;
-    approach_m_s: its speed; patience_s: without a sight before the grasp is given up, of the far part; least_sights:
-    before the arm follows; longest_s: in all; fastest: of the flange; blind_m: of the approach, over which the
-    prediction leads alone."""
+    approach_m_s: its speed; patience_s: without a sight before the grasp is given up, arrive_s before the first;
+    least_sights: before the arm follows; longest_s: in all; fastest: of the flange; blind_m: of the approach, over
+    which the prediction leads alone."""
 
     stand_off_m: float = 0.12
     open_m: float = 0.078
@@ -64,8 +64,9 @@ class GraspOptions:
     near_m: float = 0.006
     near_rad: float = float(np.deg2rad(4.0))
     approach_m_s: float = 0.10
-    patience_s: float = 1.5
-    least_sights: int = 6
+    patience_s: float = 1.0
+    arrive_s: float = 20.0
+    least_sights: int = 4
     longest_s: float = 30.0
     fastest_m_s: float = 0.6
     fastest_rad_s: float = 2.0
@@ -162,11 +163,12 @@ class _Follower:
             if not blind or self.sights < self.options.least_sights:
                 self._look()
             if self.tracked is None or self.sights < self.options.least_sights:
-                self._check_seen(began)
-                self.robot.wait(self.options.period_s)
+                self._check_seen()
+                if not self.sights:
+                    self.robot.wait(self.options.period_s)
                 continue
             if not blind:
-                self._check_seen(began)
+                self._check_seen()
             cycle = min(now - before, 0.2) if before is not None else self.options.period_s
             before = now
             shorter = max(left - self.options.approach_m_s * cycle, 0.0) if on_place else left
@@ -233,8 +235,9 @@ class _Follower:
             return np.zeros(6)
         return se3.local(self.poses[-2], self.poses[-1]) / (self.times[-1] - self.times[-2])
 
-    def _check_seen(self, began: float) -> None:
-        if self.robot.time_s - self.seen_at > self.options.patience_s:
+    def _check_seen(self) -> None:
+        patience = self.options.patience_s if self.sights else self.options.arrive_s
+        if self.robot.time_s - self.seen_at > patience:
             raise RefusedError(
                 f"the object {'was lost' if self.sights else 'is not seen'}: {self.why or 'no picture shows it'}. "
                 "The robot stands; is it on the belt, and before the camera?"

@@ -52,19 +52,23 @@ class Request:
     calibrant dynamic --wrist hand-eye.json --camera front.json --wrist-images wrist/*.png \\
         --external-images front/*.png --poses poses.csv --target charuco:5x7:36mm:18mm:DICT_6X6_250
 
+    calibrant dynamic --live --wanted place.json --wrist hand-eye.json --camera front.json --wrist-images wrist/*.png \\
+        --poses poses.csv --external-images 0 --target charuco:5x7:36mm:18mm:DICT_6X6_250
+    calibrant dynamic --live --cell --seed 3
+
     Says how certain the place is, and which source it owes that to: the wrist's calibration, either camera's pixels,
     the external intrinsics, or the robot.
     """
 
-    wrist: Annotated[Path, Option("FILE")]
+    wrist: Annotated[Path | None, Option("FILE")] = None
     """The wrist camera's hand-eye result."""
-    camera: Annotated[Path, Option("FILE")]
+    camera: Annotated[Path | None, Option("FILE")] = None
     """The external camera (any format)."""
-    wrist_images: Annotated[tuple[str, ...], Option("IMAGES")]
+    wrist_images: Annotated[tuple[str, ...], Option("IMAGES")] = ()
     """Photos by the wrist camera."""
-    external_images: Annotated[tuple[str, ...], Option("IMAGES")]
-    """Photos by the external one."""
-    poses: Annotated[tuple[str, ...], Option("FILES")]
+    external_images: Annotated[tuple[str, ...], Option("IMAGES")] = ()
+    """Photos by the external one; with --live the running camera: its number, or a video or folder that plays it."""
+    poses: Annotated[tuple[str, ...], Option("FILES")] = ()
     """Robot poses of the wrist's photos."""
     target: Annotated[str | None, Option("SPEC", "-t")] = None
     """The board: chessboard:9x6:25mm (inner corners), charuco:5x7:36mm:18mm:DICT_6X6_250 (squares), or a file."""
@@ -72,6 +76,16 @@ class Request:
     """still: in one place for all photos; moves: the n-th photos of both show its n-th place."""
     sigma_px: Annotated[str | None, Option("LENGTH")] = None
     """Noise of the external camera's corners; what its own views leave unless given."""
+    live: bool = False
+    """Say place and sigma after every picture of the running external camera, while it is moved; Ctrl-C ends it."""
+    wanted: Annotated[Path | None, Option("FILE")] = None
+    """With --live: a result with base -> external, the place that the camera is led to, in words."""
+    pictures: Annotated[int, Option("N")] = 0
+    """With --live: end after this many pictures; 0: go on until Ctrl-C, or the end of the video."""
+    cell: bool = False
+    """With --live: a simulated cell, whose front camera is located and then led to another place."""
+    seed: Annotated[int, Option("N")] = 0
+    """Which simulated cell."""
     arm: RobotOptions = RobotOptions()
     form: PoseOptions = PoseOptions()
 
@@ -95,8 +109,11 @@ def reads(request: Request) -> list[str | Path]:
     """Both cameras' files, the photos, the poses, and the robot's file."""
     from calibrant.detection.images.files import expand
 
-    photos = expand([*request.wrist_images, *request.external_images])
-    return [request.wrist, request.camera, *request.poses, *photos, *request.arm.files]
+    if request.cell:
+        return []
+    photos = expand([*request.wrist_images, *(() if request.live else request.external_images)])
+    named = [f for f in (request.wrist, request.camera, request.wanted) if f is not None]
+    return [*named, *request.poses, *photos, *request.arm.files]
 
 
 def run(request: Request, listener: Listener = SILENT) -> Outcome:
@@ -108,18 +125,22 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
 
     if request.target_stands not in PLACEMENTS:
         raise InputError(f"--target-stands {request.target_stands}: choose {' or '.join(PLACEMENTS)}")
-    if request.target is None:
-        raise InputError("photos need the board they show: --target, such as chessboard:9x6:25mm")
-    wrist, noise = wrist_of(request.wrist)
+    if request.live:
+        from calibrant.tasks.robots.dynamic_live import live
+
+        return live(request, listener)
+    if request.cell or request.wanted is not None or request.pictures:
+        raise InputError("--cell, --wanted and --pictures go with --live")
+    wrist, noise = wrist_of(needed(request).wrist)
     raw = request.form.read(request.poses, request.arm)
-    near = _boards(request, request.wrist_images, "wrist", listener)
-    far = _boards(request, request.external_images, "external", listener)
+    near = boards(request, request.wrist_images, "wrist", listener)
+    far = boards(request, request.external_images, "external", listener)
     if request.target_stands == "moves" and len(near.views) != len(far.views):
         raise InputError(
             f"{len(near.views)} photos of the wrist camera and {len(far.views)} of the external one show the board; "
             "where the target moves, the n-th photos of both belong together: leave out those without a partner"
         )
-    external = read_camera(request.camera, image_size=next(iter(far.image_sizes.values())))
+    external = read_camera(needed(request).camera, image_size=next(iter(far.image_sizes.values())))
     pairing = match_raw(raw, [v.id for v in near.views])
     session.load_solver(listener)
     given = pixels(request.sigma_px, option="--sigma-px")
@@ -135,9 +156,34 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
             raw, attempt, lambda t: t.known.solution.cost if t.known.solution else float("inf"),
             fits=lambda t: t.off < NO_FIT, what=DO_NOT_FIT,
         )  # fmt: skip
-    result = _dynamic_result(chosen.outcome, request, chosen.reading.description, pairing.message, noise)
+    result = dynamic_result(chosen.outcome, request, chosen.reading.description, pairing.message, noise)
     refuse_if_failed(result)
     return Outcome(result=result)
+
+
+@dataclass(frozen=True)
+class Needed:
+    """What photos cannot be taken in without."""
+
+    wrist: Path
+    camera: Path
+    target: str
+
+
+def needed(request: Request) -> Needed:
+    """Raises: InputError naming the first option that is missing."""
+    given = {
+        "--wrist": request.wrist, "--camera": request.camera, "--wrist-images": request.wrist_images,
+        "--external-images": request.external_images, "--poses": request.poses,
+    }  # fmt: skip
+    missing = [option for option, value in given.items() if not value]
+    if missing:
+        raise InputError(f"the external camera is located by {', '.join(given)}; missing: {', '.join(missing)}")
+    if request.target is None:
+        raise InputError("photos need the board they show: --target, such as chessboard:9x6:25mm")
+    if request.wrist is None or request.camera is None:
+        raise InputError("--wrist and --camera name the two cameras' files")
+    return Needed(request.wrist, request.camera, request.target)
 
 
 def own_noise(camera: Camera, views: Sequence[View]) -> float | None:
@@ -158,6 +204,13 @@ def own_noise(camera: Camera, views: Sequence[View]) -> float | None:
 
 
 def wrist_of(path: Path) -> tuple[WristCamera, DynamicNoise]:
+    """From a file: `wrist_from`."""
+    from calibrant.data.result_file import read_result
+
+    return wrist_from(read_result(path), str(path))
+
+
+def wrist_from(known: CalibrationResult, name: str) -> tuple[WristCamera, DynamicNoise]:
     """The wrist camera with its joint covariance, and the noise, from a hand-eye result.
 
     Raises: InputError for a result that is not of a camera on the gripper, or was not made from images.
@@ -166,12 +219,11 @@ def wrist_of(path: Path) -> tuple[WristCamera, DynamicNoise]:
 
     from calibrant.calibrate.dynamic.problem import WristCamera
     from calibrant.calibrate.dynamic.track import DynamicNoise
-    from calibrant.data.result_file import read_result
     from calibrant.diagnose.budget.cell import error_budget
 
-    budget = error_budget(read_result(path))
+    budget = error_budget(known)
     if budget.setup.camera_parent != "gripper" or budget.camera is None or budget.noise is None:
-        raise InputError(f"{path}: expected the hand-eye result of a camera on the gripper, made from images")
+        raise InputError(f"{name}: expected the hand-eye result of a camera on the gripper, made from images")
     rows = np.r_[0:6, 12 : 12 + len(budget.camera.values)]
     covariance = budget.covariance[np.ix_(rows, rows)]
     n = budget.noise
@@ -210,7 +262,7 @@ def take_in(
     return Taken(known, tuple(surprises))
 
 
-def _boards(request: Request, images: Sequence[str], camera: str, listener: Listener) -> Observations:
+def boards(request: Request, images: Sequence[str], camera: str, listener: Listener) -> Observations:
     from calibrant.detection.images.files import expand
 
     files = expand(list(images))
@@ -222,7 +274,7 @@ def _boards(request: Request, images: Sequence[str], camera: str, listener: List
     return found
 
 
-def _dynamic_result(
+def dynamic_result(
     taken: Taken, request: Request, reading: str, pairing: str, noise: DynamicNoise
 ) -> CalibrationResult:
     import numpy as np

@@ -210,7 +210,7 @@ def _shifted(compare: Compare, found: Watched, then: DotsThen) -> Moved | None:
     import numpy as np
 
     from calibrant.data import Measured
-    from calibrant.verification.unchanged.movement import figure, side_words
+    from calibrant.diagnose.movement import figure, side_words
     from calibrant.verification.watch.dots import camera_move
     from calibrant.verification.watch.result import PUSHED, Moved, moved_camera
     from calibrant.verification.watch.sequential import fit_since

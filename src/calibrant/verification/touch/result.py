@@ -12,11 +12,11 @@ from calibrant.data import CalibrationResult, Check, Measured, TransformEstimate
 from calibrant.data.details import TaskRun, TaskRuns
 from calibrant.data.results import Status
 from calibrant.data.verdicts import stamp
+from calibrant.diagnose.movement import figure
 from calibrant.geometry import se3
 from calibrant.optimize.chances import chi2_tail
 from calibrant.verification.runs import run_checks, run_figures, too_far
 from calibrant.verification.touch.errors import Correction, Touch, correction_of, left_out
-from calibrant.verification.unchanged.movement import figure
 
 CONTRADICTS = 1e-3
 """Chance of errors as large, all touches together, from which on the calibration does not hold."""

@@ -10,6 +10,18 @@ import numpy as np
 
 from calibrant.arrays import Array
 from calibrant.cameras import Camera
+from calibrant.diagnose.movement import (
+    AtWork,
+    camera_words,
+    figure,
+    guidance,
+    movement,
+    of_camera,
+    of_target,
+    side_words,
+    target_words,
+    undone,
+)
 from calibrant.errors import InputError
 from calibrant.geometry import se3, so3
 from calibrant.optimize.chances import chi2_tail, f_tail
@@ -27,16 +39,6 @@ from calibrant.verification.unchanged.decide import (
     Hypothesis,
 )
 from calibrant.verification.unchanged.model import CHANGE, Fit
-from calibrant.verification.unchanged.movement import (
-    AtWork,
-    camera_words,
-    figure,
-    movement,
-    of_camera,
-    of_target,
-    side_words,
-    target_words,
-)
 
 SURE = 3.0
 """Sigmas by which a change must stay below a tolerance to count as none."""
@@ -167,9 +169,12 @@ def _advice(names: Sequence[str], compared: Compared) -> str:
     first = names[0] if names else ""
     if first == CAMERA:
         where = "in the hand" if compared.frame == "base" else "where it stands"
+        camera = compared.decision.named(CAMERA)
+        way = "" if camera is None else guidance(undone(camera.fit.place[CAMERA_MOVED], camera.fit.of(CAMERA_MOVED)))
+        how = f": {way}, as it looks now" if way else " by as much"
         return (
-            f"Push the camera back {where} by as much, tighten it and verify again, or calibrate again: until then "
-            "every point it gives is off by the figure above."
+            f"Push the camera back {where}{how}; tighten it and verify again, or calibrate again: until then every "
+            "point it gives is off by the figure above."
         )
     if first == TARGET:
         if compared.frame == "base":

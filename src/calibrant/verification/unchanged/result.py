@@ -12,12 +12,12 @@ from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Check, Measured, Observations, ViewResult, verdict_of
 from calibrant.data.details import Changes, PhotoShift, PossibleChange
 from calibrant.data.verdicts import stamp
+from calibrant.diagnose.movement import movement
 from calibrant.geometry import se3
 from calibrant.verification.unchanged.answer import ANY_CHANGE, Answer, Tolerance, answer_of_both, answer_of_picture
 from calibrant.verification.unchanged.compare import Compared
 from calibrant.verification.unchanged.consensus import Motion
 from calibrant.verification.unchanged.decide import CAMERA_MOVED, Hypothesis
-from calibrant.verification.unchanged.movement import movement
 
 ARROWS = 80
 """Points of a photo that are kept and drawn: more hide the picture."""

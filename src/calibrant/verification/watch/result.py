@@ -13,8 +13,8 @@ from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Check, Measured, Observations, ViewResult, verdict_of
 from calibrant.data.details import WatchedPicture, Watching
 from calibrant.data.verdicts import stamp
+from calibrant.diagnose.movement import camera_words, figure, movement, of_camera
 from calibrant.geometry import se3
-from calibrant.verification.unchanged.movement import camera_words, figure, movement, of_camera
 from calibrant.verification.watch.sequential import Rule, Sight, Watch, fit_since
 
 AXES = ("x", "y", "z")

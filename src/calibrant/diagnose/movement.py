@@ -1,4 +1,4 @@
-"""How far something moved, with its uncertainty, in numbers and in words that a person can act on.
+"""How far something moved or is to be moved, with its uncertainty, in numbers and in words that a person can act on.
 
 Directions are those of the camera as it was: x to the right, y down, z forward, as its picture shows them.
 """
@@ -104,15 +104,56 @@ def of_target(T_before_after: Array, covariance: Array, T_frame_target: Array, m
     return Movement(step, 1e3 * np.sqrt(np.diag(C)), turn, np.rad2deg(np.sqrt(np.diag(turned))))
 
 
+def undone(T_before_after: Array, covariance: Array) -> Movement:
+    """The movement that undoes a movement, along the axes of the camera as it is now.
+
+    D^-1 = (R^T, -R^T t),   d(D^-1) = -(R^T omega, R^T (v + t x omega))
+    """
+    R, t = T_before_after[:3, :3], T_before_after[:3, 3]
+    J = np.zeros((6, 6))
+    J[:3, :3] = J[3:, 3:] = -R.T
+    J[3:, :3] = -R.T @ so3.hat(t)
+    return movement(se3.inverse(T_before_after), J @ covariance @ J.T)
+
+
+def to_wanted(T_base_camera: Array, covariance: Array, T_base_wanted: Array) -> Movement:
+    """The movement from where a camera is known to be, with its covariance (6, 6) in the base, to where it is wanted.
+
+    T_now_wanted = (R^T R_w, R^T (t_w - t)); an error (omega, v) of the camera's place in the base changes it by
+    -(R^T omega, R^T (v + omega x (t_w - t))).
+    """
+    R, way = T_base_camera[:3, :3], T_base_wanted[:3, 3] - T_base_camera[:3, 3]
+    J = np.zeros((6, 6))
+    J[:3, :3] = J[3:, 3:] = -R.T
+    J[3:, :3] = R.T @ so3.hat(way)
+    return movement(se3.inverse(T_base_camera) @ T_base_wanted, J @ covariance @ J.T)
+
+
+def guidance(to_go: Movement) -> str:
+    """What a person is to do: "move 12.0 ± 0.2 mm to the left, 4.0 ± 0.2 mm up and turn 0.80 ± 0.02 deg clockwise", of
+    what is certain; empty where nothing is.
+
+    >>> to_go = movement(se3.make(so3.exp([0, 0, np.deg2rad(0.8)]), [-0.012, -0.004, 0.0]), 1e-9 * np.eye(6))
+    >>> guidance(to_go)
+    'move 12.000 ± 0.032 mm to the left, 4.000 ± 0.032 mm up and turn 0.8000 ± 0.0018 deg clockwise'
+    """
+    return _moves(to_go, "move", "turn")
+
+
 def camera_words(moved: Movement) -> str:
     """ "moved 1.2 ± 0.2 mm to the left and turned 0.100 ± 0.020 deg down", of what is certain; else empty."""
+    return _moves(moved, "moved", "turned")
+
+
+def _moves(moved: Movement, move: str, turn: str) -> str:
+    """What is certain of a movement, with its verbs."""
     places = [
         f"{figure(abs(v), s)} mm {'to the ' if k == 0 else ''}{SIDES[k][int(v < 0)]}"
         for k, v, s in _told(moved.mm, moved.mm_sigma)
     ]
     turns = [f"{figure(abs(v), s)} deg {TURNS[k][int(v < 0)]}" for k, v, s in _told(moved.deg, moved.deg_sigma)]
-    parts = [f"moved {', '.join(places)}"] if places else []
-    parts += [f"turned {', '.join(turns)}"] if turns else []
+    parts = [f"{move} {', '.join(places)}"] if places else []
+    parts += [f"{turn} {', '.join(turns)}"] if turns else []
     return " and ".join(parts)
 
 

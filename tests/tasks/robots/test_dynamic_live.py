@@ -10,8 +10,8 @@ import pytest
 import calibrant as cb
 from calibrant.data import CalibrationResult, as_transform
 from calibrant.errors import InputError
-from calibrant.tasks.robots.dynamic import Request, needed
 from calibrant.tasks.robots.dynamic_live import _wanted
+from calibrant.tasks.robots.dynamic_request import Request, needed
 
 
 def test_what_is_missing_is_named(tmp_path: Path) -> None:
@@ -19,8 +19,6 @@ def test_what_is_missing_is_named(tmp_path: Path) -> None:
         cb.dynamic(target="chessboard:9x6:25mm")
     with pytest.raises(InputError, match=r"missing: --wrist, .*--poses"):
         needed(Request())
-    with pytest.raises(InputError, match="one external camera"):
-        cb.dynamic(live=True, target="chessboard:9x6:25mm")
     with pytest.raises(InputError, match="go with"):
         cb.dynamic(cell=True)
 

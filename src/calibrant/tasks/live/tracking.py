@@ -50,7 +50,7 @@ class Tracker:
         """None where the views contradict each other."""
         import numpy as np
 
-        from calibrant.tasks.robots.dynamic import NO_FIT, take_in
+        from calibrant.tasks.robots.dynamic_views import NO_FIT, take_in
 
         views, poses = [v for v, _ in self.near], np.array([T for _, T in self.near])
         try:
@@ -69,7 +69,7 @@ def tracker_of(wrist: Path, camera: Path, window: int) -> Tracker:
     Raises: InputError for a result that is not of a camera on the gripper, a file without a camera, no window.
     """
     from calibrant.formats.cameras.read import read_camera
-    from calibrant.tasks.robots.dynamic import wrist_of
+    from calibrant.tasks.robots.dynamic_views import wrist_of
 
     if window < 1:
         raise InputError(f"--window {window}: expected 1 view or more")

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from calibrant.calibrate.dynamic.track import DynamicCalibration
     from calibrant.detection.live import Frame
     from calibrant.servoing.located_live import Located
-    from calibrant.tasks.robots.dynamic import Request
+    from calibrant.tasks.robots.dynamic_request import Request
 
 
 def live(request: Request, listener: Listener) -> Outcome:
@@ -31,14 +31,15 @@ def live(request: Request, listener: Listener) -> Outcome:
     from calibrant.formats.poses.pairing import match_raw
     from calibrant.targets.registry import parse_target
     from calibrant.tasks.inputs.pose_choice import best_reading
-    from calibrant.tasks.robots import dynamic
+    from calibrant.tasks.robots import dynamic_views as views_of
+    from calibrant.tasks.robots.dynamic_request import needed
 
     if len(request.external_images) != 1:
         raise InputError("--live takes one external camera: its number, a video, or a folder (--external-images 0)")
-    given = dynamic.needed(request)
-    wrist, noise = dynamic.wrist_of(given.wrist)
+    given = needed(request)
+    wrist, noise = views_of.wrist_of(given.wrist)
     external = read_camera(given.camera)
-    near = dynamic.boards(request, request.wrist_images, "wrist", listener)
+    near = views_of.boards(request, request.wrist_images, "wrist", listener)
     raw = request.form.read(request.poses, request.arm)
     pairing = match_raw(raw, [v.id for v in near.views])
     session.load_solver(listener)
@@ -46,18 +47,18 @@ def live(request: Request, listener: Listener) -> Outcome:
     def attempt(reading):  # type: ignore[no-untyped-def]
         T = reading.T_base_gripper[list(pairing.pose_index)]
         views = [near.views[i] for i in pairing.view_index]
-        return dynamic.take_in(wrist, external, noise, views, T, (), moves=False)
+        return views_of.take_in(wrist, external, noise, views, T, (), moves=False)
 
     chosen = best_reading(
         raw, attempt, lambda t: t.known.solution.cost if t.known.solution else float("inf"),
-        fits=lambda t: t.off < dynamic.NO_FIT, what=dynamic.DO_NOT_FIT,
+        fits=lambda t: t.off < views_of.NO_FIT, what=views_of.DO_NOT_FIT,
     )  # fmt: skip
     frames = frames_from(request.external_images[0])
     board = parse_target(given.target)
     known, seen = _followed(frames, chosen.outcome.known, board, _wanted(request), request.pictures, listener)
     if known.new_place:
         raise RefusedError(f"none of {seen} pictures shows the board to the external camera")
-    done = dynamic.dynamic_result(
+    done = views_of.dynamic_result(
         replace(chosen.outcome, known=known), request, chosen.reading.description, pairing.message, noise
     )
     return Outcome(result=done)
@@ -115,7 +116,7 @@ def _in_cell(request: Request, listener: Listener) -> Outcome:
     from calibrant.data import CalibrationResult, Check, Measured, verdict_of
     from calibrant.data.verdicts import stamp
     from calibrant.studies.live_cell import live_run
-    from calibrant.tasks.robots.dynamic import wrist_from
+    from calibrant.tasks.robots.dynamic_views import wrist_from
 
     if request.seed < 0:
         raise InputError(f"--seed {request.seed}: 0 or more")

@@ -70,6 +70,25 @@ def test_the_cuboid_from_above_where_only_its_top_is_seen() -> None:
     assert not pose.undetermined
 
 
+def test_the_cuboid_from_above_in_whole_millimetres() -> None:
+    """As many depth cameras store them: rounding is alike on all of the cuboid, and on all of the table."""
+    camera = camera_at(308.0, SMALL)
+    thing = placed(CUBOID, 0.02, -0.01, 0.8)
+    squares = []
+    for phase in (0.0, 0.25):
+        T = looking_down(0.22 + 1e-3 * phase, turn_deg=30)
+        image, z = seen(camera, T, [thing])
+        z = (np.rint(z * 1000) / 1000).astype(np.float32)
+        scene = Scene.of(image, z, DepthRig.aligned(camera), noise=noise_of(camera))
+        pose = locate(scene, the_one(find_segments(image, RED)), box(CUBOID))
+        mm, deg = se3.mm_and_deg(pose.error(T @ thing.T_table_box))
+        assert mm < 0.5
+        assert deg < 0.3
+        assert not any("does not stand" in n for n in pose.notes)
+        squares.append(squared(pose, T @ thing.T_table_box))
+    assert max(squares) < chi2.ppf(0.999, 6)
+
+
 def test_a_cube_seen_askew() -> None:
     camera = camera_at(308.0, SMALL)
     T, thing = looking_down(0.35, 35.0), placed(CUBE, 0.03, 0.02, 0.3)
@@ -221,6 +240,7 @@ def test_slopes_are_central_differences(name: str) -> None:
         contact=shape.vertices[:4],
         table=table,
         scale_sigma=0.01,
+        rounding=0.001,
     )
     problem = fit.fit(m, shape.normals, shape.offsets, scene.rig, T, size=shape.size).problem
     k = problem.factor_index(name)

@@ -1,9 +1,10 @@
 """The pose of a shape by weighted least squares over depth, outline and the table that it stands on.
 
 Unknown are T_camera_object, an offset for each side of the outline and one for all sides, the plane of the table
-a . p = 1 (camera's frame) and the common scale s of all depths. Residuals, predicted less measured:
+a . p = 1 (camera's frame), the common scale s of all depths and what rounding leaves in those of the object, c.
+Residuals, predicted less measured:
 
-    depth      (1 - s) (m . r) / D - 1/z,   m . p = D the face's plane in the depth camera's frame
+    depth      (1 - s) (m . r) / D + c - 1/z,   m . p = D the face's plane in the depth camera's frame
     outline    n . (project(T X) - u) - b_side - b
     contact    (1 - a . T X) / |a|           for the vertices X that stand on the table
     table      L (a - a_measured (1 - s)),   L^T L = covariance^-1
@@ -46,7 +47,8 @@ class Measurements:
     uv_depth (n, 2) pixels of the depth camera, inverse (n,) 1/z there, face (n,) triangle; sigma_inverse: of each, all
     taken as independent; points (k, 3), object's frame, outward (k, 2), edge_uv (k, 2), side (k,): of the outline;
     sigma_edge (k,), sigma_side (k,), sigma_common, px: of each, shared by a side, and by all; contact (c, 3): vertices
-    on the table, object's frame; table: in the depth camera's frame, None where there is none.
+    on the table, object's frame; table: in the depth camera's frame, None where there is none; rounding: 1 sigma of
+    what the depths' steps leave in all on the object together, 1/m.
     """
 
     uv_depth: Array
@@ -63,6 +65,7 @@ class Measurements:
     contact: Array
     table: Plane | None
     scale_sigma: float
+    rounding: float = 0.0
 
 
 class FaceDepths(Factor):
@@ -84,8 +87,8 @@ class FaceDepths(Factor):
         self.rays, self.inverse, self.T = rays, inverse, T_depth_colour
         super().__init__(
             "depth",
-            variables=("T_camera_object", "scale"),
-            indices=(_ONE, _ONE),
+            variables=("T_camera_object", "scale", "rounding"),
+            indices=(_ONE, _ONE, _ONE),
             dim=1,
             noise="depth",
             relative_sigma=sigma,
@@ -93,7 +96,7 @@ class FaceDepths(Factor):
         )
 
     def linearize(self, *values: Array) -> tuple[Array, tuple[Array, ...]]:
-        T, s = self.T @ values[0][0], float(values[1][0, 0])
+        T, s, c = self.T @ values[0][0], float(values[1][0, 0]), float(values[2][0, 0])
         normal, t = self.n @ T[:3, :3].T, T[:3, 3]
         D = self.d + normal @ t
         along = np.sum(normal * self.rays, axis=1)
@@ -103,7 +106,7 @@ class FaceDepths(Factor):
         by_shift = -(along / D**2)[:, None] * normal
         R = self.T[:3, :3]
         J = (1 - s) * np.concatenate([by_turn @ R, by_shift @ R], axis=1)
-        return ((1 - s) * q - self.inverse)[:, None], (J[:, None], -q[:, None, None])
+        return ((1 - s) * q + c - self.inverse)[:, None], (J[:, None], -q[:, None, None], np.ones((len(q), 1, 1)))
 
 
 class OutlineEdges(Factor):
@@ -187,6 +190,10 @@ def fit(m: Measurements, normals: Array, offsets: Array, rig: DepthRig, T_start:
             root = np.array([[1 / m.scale_sigma]])
             factors.append(VectorPrior("scale", "scale", 0, np.zeros(1), sqrt_information=root))
     if len(m.inverse):
+        variables.append(vector("rounding", [0.0], ["offset"], held=() if m.rounding > 0 else ("offset",)))
+        if m.rounding > 0:
+            root = np.array([[1 / m.rounding]])
+            factors.append(VectorPrior("rounding", "rounding", 0, np.zeros(1), sqrt_information=root))
         rays = rig.depth.unproject(m.uv_depth)
         seen = {"rays": rays / rays[:, 2:], "T_depth_colour": se3.inverse(rig.T_colour_depth)}
         factors.append(FaceDepths(normals, offsets, m.face, m.inverse, m.sigma_inverse, **seen))

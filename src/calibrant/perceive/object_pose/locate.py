@@ -22,6 +22,7 @@ from calibrant.perceive.object_pose.rendered import Silhouette, outline, visible
 from calibrant.perceive.object_pose.seen import RIM_PX, Scene, require_depth
 from calibrant.perceive.object_pose.shapes import Shape
 from calibrant.perceive.registered_depth.planes import Plane
+from calibrant.perceive.registered_depth.steps import mean_rounding
 
 CANDIDATES = 4
 """First guesses that are refined: more are turns of the same face, which refinement brings together."""
@@ -214,6 +215,7 @@ def _measured(
         contact=contact if table is not None else np.zeros((0, 3)),
         table=table,
         scale_sigma=noise.common_scale(float(T[2, 3])),
+        rounding=mean_rounding(scene.registered.depth, inverse, table.step if table is not None else None),
     )
     return m, edge_sigma, tried
 
@@ -260,7 +262,7 @@ def _depths(
         # The guess may be off as a whole: gross errors are told from the others' median.
         middle = float(np.median(off))
         spread = float(np.median(np.abs(off - middle))) / 0.6745
-        limit = _FAR * max(spread, sigma if np.isfinite(sigma) else spread)
+        limit = _FAR * max(spread, sigma if np.isfinite(sigma) else scene.noise.inverse_sigma)
         near = np.abs(off - middle) <= limit
         rows, columns, face, q = rows[near], columns[near], face[near], q[near]
     every = max(len(rows) / _MOST_DEPTHS, 1.0)

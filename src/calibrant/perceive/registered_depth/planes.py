@@ -16,6 +16,7 @@ from calibrant.arrays import Array, Mask
 from calibrant.cameras import Camera
 from calibrant.errors import RefusedError
 from calibrant.perceive.registered_depth.noise import DepthNoise
+from calibrant.perceive.registered_depth.steps import depth_step, mean_rounding
 
 TRIALS = 200
 """Three pixels of a region that is a third plane are all on it once in 27 trials: missed 200 times once in 1000."""
@@ -43,6 +44,7 @@ class Plane:
     share: float
     pixels: int
     uv: Array
+    step: float = 0.0
 
     @property
     def normal(self) -> Array:
@@ -96,14 +98,17 @@ def find_plane(depth: Array, rays: Array, region: Mask, *, noise: DepthNoise, wh
     generator = np.random.default_rng(0)
     if len(rows) > _AT_MOST:
         # Whole rows stay together: neighbours tell how far noise is shared.
-        step = int(np.ceil(len(rows) / _AT_MOST))
-        keep = rows % step == 0
+        every = int(np.ceil(len(rows) / _AT_MOST))
+        keep = rows % every == 0
         rows, columns = rows[keep], columns[keep]
     r, q = rays[rows, columns], 1 / depth[rows, columns]
-    a = _best_of_three(r, q, noise.inverse_sigma, generator)
+    middle = float(np.median(q))
+    step = depth_step(depth, 1 / middle) * middle**2
+    a = _best_of_three(r, q, max(noise.inverse_sigma, step / 2), generator)
     sigma = noise.inverse_sigma
     for _ in range(_ROUNDS):
-        inlier = np.abs(r @ a - q) <= INLIER * sigma
+        # Within half a step nothing tells depths apart; without the neighbouring steps their mean is one step's own.
+        inlier = np.abs(r @ a - q) <= INLIER * max(sigma, step / 2)
         if inlier.sum() < LEAST_PIXELS or inlier.mean() < LEAST_SHARE:
             raise RefusedError(
                 f"{what} was not found: no plane holds a quarter of the {len(rows)} depths around the object (the best "
@@ -114,11 +119,13 @@ def find_plane(depth: Array, rays: Array, region: Mask, *, noise: DepthNoise, wh
         left = (r @ a - q)[inlier]
         sigma = float(np.sqrt(np.mean(left**2) / _LEFT_AT_INLIER))
     shared = pixels_per_sample(rows[inlier], columns[inlier], left, depth.shape)
-    measured = noise.with_level(max(sigma, 1e-9), shared)
-    covariance = np.asarray(measured.effective**2 * np.linalg.inv(r[inlier].T @ r[inlier]), dtype=np.float64)
+    measured = noise.with_level(max(sigma, step / 12**0.5, 1e-9), shared)
+    rounding = mean_rounding(depth, q[inlier], step)
+    level = measured.effective**2 + len(left) * rounding**2
+    covariance = np.asarray(level * np.linalg.inv(r[inlier].T @ r[inlier]), dtype=np.float64)
     used = np.stack([columns, rows], axis=1)[inlier].astype(np.float64)
     some = used[:: max(len(used) // _KEPT, 1)]
-    return Plane(a, covariance, measured, float(inlier.mean()), int(inlier.sum()), some)
+    return Plane(a, covariance, measured, float(inlier.mean()), int(inlier.sum()), some, step)
 
 
 def _best_of_three(r: Array, q: Array, sigma: float, generator: np.random.Generator) -> Array:

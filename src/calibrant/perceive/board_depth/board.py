@@ -4,10 +4,11 @@ The corners tell the pose with the covariance S of their pixels; the depths z of
 plane, with the depth's noise. Both in one problem:
 
     r_pose  = S^-1/2 (pose - pose by corners)                    (6)
-    r_depth = (1 - s) (m . r) / D - 1/z,   m . p = D the board's plane in the depth camera's frame
+    r_depth = (1 - s) (m . r) / D + c - 1/z,   m . p = D the board's plane in the depth camera's frame
 
-s is the common scale of the depths, a prior of its own sigma (0 by default: as they are). With no prior and many boards
-s is what is asked: a depth camera's scale is checked in the field by any board whose size is known.
+c is what rounding to steps leaves in the mean of the depths, s their common scale, a prior of its own sigma (0 by
+default: as they are). With no prior and many boards s is what is asked: a depth camera's scale is checked in the field
+by any board whose size is known.
 """
 
 from __future__ import annotations
@@ -26,10 +27,11 @@ from calibrant.geometry import se3, so3
 from calibrant.opencv import cv2
 from calibrant.optimize import SE3, Factor, Problem, Solution, Variable, VectorPrior, solve, vector
 from calibrant.optimize.factors import EXACT
-from calibrant.perceive.object_pose.fit import FaceDepths
+from calibrant.perceive.object_pose.fit import FaceDepths, rounding_left
 from calibrant.perceive.registered_depth.noise import DepthNoise
 from calibrant.perceive.registered_depth.planes import find_plane, rays_of
 from calibrant.perceive.registered_depth.register import DepthRig, checked_depth
+from calibrant.perceive.registered_depth.steps import mean_rounding
 
 LEAST_DEPTHS = 100
 """Pixels with depth within a board: fewer tell its plane no better than its corners do."""
@@ -107,7 +109,7 @@ def board_pose(
     r, q = rays[rows[pick], columns[pick]], 1 / z[rows[pick], columns[pick]]
     sigma = plane.noise.inverse_sigma * max(plane.noise.pixels_per_sample / every, 1.0) ** 0.5
     loose = LOOSE_SCALE if free_scale else noise.scale_sigma
-    solution = _solved(T, by_corners, r, q, sigma, rig, loose)
+    solution = _solved(T, by_corners, r, q, sigma, rig, loose, mean_rounding(z, q, plane.step))
     joint = solution.joint_covariance([("T_camera_object", 0), ("scale", 0)])
     return BoardPose(
         solution.value("T_camera_object")[0],
@@ -120,12 +122,15 @@ def board_pose(
     )
 
 
-def _solved(T: Array, by_corners: Array, r: Array, q: Array, sigma: float, rig: DepthRig, loose: float) -> Solution:
+def _solved(
+    T: Array, by_corners: Array, r: Array, q: Array, sigma: float, rig: DepthRig, loose: float, rounding: float
+) -> Solution:
     held = () if loose > 0 else ("scale",)
-    variables = (Variable("T_camera_object", SE3(), T[None]), vector("scale", [0.0], ["scale"], held=held))
+    c, known = rounding_left(rounding)
+    variables = (Variable("T_camera_object", SE3(), T[None]), vector("scale", [0.0], ["scale"], held=held), c)
     face = np.zeros(len(q), dtype=np.int64)
     depths = FaceDepths(FLAT, np.zeros(1), face, q, sigma, rays=r, T_depth_colour=se3.inverse(rig.T_colour_depth))
-    factors: list[Factor] = [CornersPose(T, by_corners), depths]
+    factors: list[Factor] = [CornersPose(T, by_corners), depths, *known]
     if loose > 0:
         factors.append(VectorPrior("scale", "scale", 0, np.zeros(1), sqrt_information=np.array([[1 / loose]])))
     return solve(Problem(variables, tuple(factors)))

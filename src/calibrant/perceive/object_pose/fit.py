@@ -109,6 +109,14 @@ class FaceDepths(Factor):
         return ((1 - s) * q + c - self.inverse)[:, None], (J[:, None], -q[:, None, None], np.ones((len(q), 1, 1)))
 
 
+def rounding_left(sigma: float) -> tuple[Variable, list[Factor]]:
+    """c of `FaceDepths`, 1/m, and what is known of it: 0 +- sigma, or 0 for a sigma of 0."""
+    c = vector("rounding", [0.0], ["offset"], held=() if sigma > 0 else ("offset",))
+    if sigma <= 0:
+        return c, []
+    return c, [VectorPrior("rounding", "rounding", 0, np.zeros(1), sqrt_information=np.array([[1 / sigma]]))]
+
+
 class OutlineEdges(Factor):
     """Distances of the outline's samples from the edges in the picture, along the outward normal."""
 
@@ -190,10 +198,9 @@ def fit(m: Measurements, normals: Array, offsets: Array, rig: DepthRig, T_start:
             root = np.array([[1 / m.scale_sigma]])
             factors.append(VectorPrior("scale", "scale", 0, np.zeros(1), sqrt_information=root))
     if len(m.inverse):
-        variables.append(vector("rounding", [0.0], ["offset"], held=() if m.rounding > 0 else ("offset",)))
-        if m.rounding > 0:
-            root = np.array([[1 / m.rounding]])
-            factors.append(VectorPrior("rounding", "rounding", 0, np.zeros(1), sqrt_information=root))
+        c, known = rounding_left(m.rounding)
+        variables.append(c)
+        factors += known
         rays = rig.depth.unproject(m.uv_depth)
         seen = {"rays": rays / rays[:, 2:], "T_depth_colour": se3.inverse(rig.T_colour_depth)}
         factors.append(FaceDepths(normals, offsets, m.face, m.inverse, m.sigma_inverse, **seen))

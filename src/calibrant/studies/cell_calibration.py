@@ -33,6 +33,9 @@ VIEWS = 18
 """Pictures with the arm; the thesis takes 20 for a wrist camera, 10 to 20 for fixed ones."""
 HELD_VIEWS = 10
 """Pictures of the board held before a fixed camera, for its lens: the thesis finds a plateau from 5 to 10."""
+ROBOT_ACCURACY = "0.2mm,0.03deg"
+"""What is told of the arm: rms of its flange over the workspace, as its maker's calibration left it (`RobotNoise`'s
+default comes to 0.21 mm and 0.03 degrees). Untold, errors of its geometry would be in the answer, not in its sigma."""
 _BOARD_AT = (0.52, 0.0)
 _DRAWN = 12
 """Candidates drawn a pose wanted: most are out of reach or out of the picture."""
@@ -52,14 +55,19 @@ class CellCalibration:
 
 
 def calibrate_cell_cameras(
-    cell: RobotCell, views: Sequence[str] = ("wrist",), *, pictures: int = VIEWS
+    cell: RobotCell,
+    views: Sequence[str] = ("wrist",),
+    *,
+    pictures: int = VIEWS,
+    robot_accuracy: str | None = ROBOT_ACCURACY,
 ) -> dict[str, CellCalibration]:
     """Calibrate cameras of a cell by the project's own functions; things on the table go away meanwhile and come back.
 
     A wrist camera looks at the large board on the table from `pictures` places; lens and mounting come from these. A
     fixed camera first has the large board held before it (a person does that), then sees the board in the gripper.
 
-    Args: views: names of the cell's cameras. Returns a calibration each. Raises: InputError for an unknown camera;
+    Args: views: names of the cell's cameras; robot_accuracy: as of `calibrate_hand_eye`, None where the arm is perfect
+    but for scatter. Returns a calibration each. Raises: InputError for an unknown camera;
     RefusedError when too few places can be reached, or as `calibrate_hand_eye`.
 
         >>> from calibrant.simulate.robot_cell import make_robot_cell
@@ -73,7 +81,7 @@ def calibrate_cell_cameras(
     for name in away:
         cell.remove(name)
     try:
-        return {name: _calibrated(cell, name, pictures) for name in views}
+        return {name: _calibrated(cell, name, pictures, robot_accuracy) for name in views}
     finally:
         cell.carry(tool)  # type: ignore[arg-type]
         for name, T in away.items():
@@ -81,16 +89,16 @@ def calibrate_cell_cameras(
         cell.robot.move_joints(cell.robot.home)
 
 
-def _calibrated(cell: RobotCell, name: str, pictures: int) -> CellCalibration:
+def _calibrated(cell: RobotCell, name: str, pictures: int, accuracy: str | None) -> CellCalibration:
     camera = next(c for c in cell.spec.cameras if c.name == cell.camera(name).name)
     rng = np.random.default_rng([cell.seed, *f"calibrate {name}".encode()])
     if camera.parent == "gripper":
         observations, poses = _from_the_wrist(cell, camera, pictures, rng)
-        hand_eye = calibrate_hand_eye(poses, observations, setup="eye-in-hand")
+        hand_eye = calibrate_hand_eye(poses, observations, setup="eye-in-hand", robot_accuracy=accuracy)
         return CellCalibration(name, with_camera_name(hand_eye, name), None)
     held = calibrate_intrinsics(_held_before(cell, camera, HELD_VIEWS, rng))
     observations, poses = _from_the_stick(cell, camera, pictures, rng)
-    hand_eye = calibrate_hand_eye(poses, observations, setup="eye-to-hand", camera=held.camera)
+    hand_eye = calibrate_hand_eye(poses, observations, setup="eye-to-hand", camera=held.camera, robot_accuracy=accuracy)
     return CellCalibration(name, with_camera_name(hand_eye, name), with_camera_name(held, name))
 
 

@@ -84,6 +84,7 @@ if TYPE_CHECKING:
     from calibrant.tasks.verbs import verify_held_out as verify_held_out
     from calibrant.tasks.verbs import verify_pick_place as verify_pick_place
     from calibrant.tasks.verbs import verify_pinpoint as verify_pinpoint
+    from calibrant.tasks.verbs import verify_stitch as verify_stitch
     from calibrant.tasks.verbs import verify_touch as verify_touch
     from calibrant.tasks.verbs import verify_unchanged as verify_unchanged
     from calibrant.tasks.verbs import verify_watch as verify_watch
@@ -161,6 +162,7 @@ _PUBLIC = {
     "verify_held_out": ("calibrant.tasks.verbs", "verify_held_out"),
     "verify_pick_place": ("calibrant.tasks.verbs", "verify_pick_place"),
     "verify_pinpoint": ("calibrant.tasks.verbs", "verify_pinpoint"),
+    "verify_stitch": ("calibrant.tasks.verbs", "verify_stitch"),
     "verify_touch": ("calibrant.tasks.verbs", "verify_touch"),
     "verify_unchanged": ("calibrant.tasks.verbs", "verify_unchanged"),
     "verify_watch": ("calibrant.tasks.verbs", "verify_watch"),

@@ -285,6 +285,7 @@ ANSWERS: Mapping[str, Options] = {
     "demo": {"views": 6},
     "servo run": {},
     "verify pick-place": {},
+    "verify stitch": {},
     **{f"project {word}": {} for word in ("new", "add", "list", "set", "rename", "remove", "solve", "status", "check")},
 }
 """Commands whose JSON is more than a result file, or another thing."""

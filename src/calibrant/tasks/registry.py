@@ -102,6 +102,7 @@ TASKS = {
     "verify touch": Entry("verify.touch", "Compare touched points with where the camera says they are."),
     "verify held-out": Entry("verify.held_out", "Try a calibration on views that it never saw."),
     "verify pick-place": Entry("verify.pick_place", "Pick up a cube and set it on another one."),
+    "verify stitch": Entry("verify.stitch", "Put depth of many poses together: do the clouds agree?"),
     "verify watch": Entry("verify.watch", "Has the camera been moved? Picture after picture tells."),
     "servo teach": Entry("servo.teach", "Teach a pose by what a camera sees from there."),
     "servo run": Entry("servo.run", "Lead an arm to a taught pose; tried in simulated cells.", ("json",), judged=False),

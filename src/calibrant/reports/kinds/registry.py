@@ -54,6 +54,7 @@ KINDS: Mapping[str, Kind] = {
     "watch": watch.KIND,
     "pinpoint": runs.PINPOINT,
     "touch": runs.TOUCH,
+    "stitch": runs.STITCH,
     "pick-place": runs.PICK_PLACE,
     "held-out": runs.HELD_OUT,
     "observations": observations.KIND,

@@ -30,6 +30,10 @@ LOOK_M = 0.45
 PADS_M = 0.011
 """From the fingers' ends back to the middle of their pads."""
 LINE = 0.5
+DISPARITY_PX, DEVICE_PX = 0.08, 0.03
+"""Of a disparity: its noise, by which the cameras' figures are stated, and what a device's own calibration errs by."""
+TABLE_M = {"wrist": 0.45, "front": 1.35, "top": 1.35}
+"""From each camera to the table."""
 THESIS_OFF_M = {"wrist": (0.002, 0.0, 0.0), "front": (-0.014, 0.0, 0.0), "top": (0.021, -0.007, 0.0)}
 """What the thesis's cameras were off by at its marker (its pinpoint table); its two ways run with that."""
 
@@ -117,12 +121,14 @@ def _task(cell: RobotCell, view: str, known: CalibrationResult, *, yes: bool) ->
     grasp = cell.truth.T_gripper_tip.copy()
     grasp[2, 3] -= PADS_M
     robot = cell.robot
+    noise = D435 if view == "wrist" else D455
+    away = 1.0 / (noise.inverse_sigma / DISPARITY_PX * TABLE_M[view])  # f b / z, the disparity
     return Task(
         robot,
         source,
         camera,
         DepthRig(camera, stated.depth, stated.T_colour_depth),
-        D435 if view == "wrist" else D455,
+        replace(noise, scale_sigma=DEVICE_PX / away),
         robot_side(known, view),
         CUBE_M,
         ColourRange.parse(COLOURS[PICK]),

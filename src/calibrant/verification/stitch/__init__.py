@@ -1,0 +1,1 @@
+"""Clouds of many poses: do they agree, where the calibration puts them?"""

@@ -1,1 +1,1 @@
-"""Hand-eye from a single point that a depth camera sees."""
+"""Hand-eye from one point: on the gripper, seen by a depth camera that stands, or in the scene, seen from the arm."""

@@ -80,11 +80,11 @@ def seen_at_once(
             checks.append(check)
             known.clear()  # of other lenses
         found = pair_poses(pair, out, own, times, known)
-        D, wrong = _place(found)
+        D, wrong = _place(found, clocks=clocks)
         if wrong.any():
             known.clear()  # of other poses and lenses
             found = _other_branches(pair, found, D, out, own, times)
-            D, wrong = _place(found)
+            D, wrong = _place(found, clocks=clocks)
         if clocks and wrong.any():  # pairs on the move contradict those that stand still
             moments = [out[s.list].ids[s.row] for s in pair.seen_b]
             led = replace(found, T_b=led_back(found.T_a, found.T_b, moments, times).T_b)
@@ -106,12 +106,13 @@ def seen_at_once(
     return tuple(out), own, tuple(checks)
 
 
-def _place(found: PairPoses) -> tuple[Array, Mask]:
+def _place(found: PairPoses, *, clocks: bool) -> tuple[Array, Mask]:
     """Where b stands to a by most pairs, and the pairs that contradict it. Half of them may be none: their mean is then
-    between the places that pairs have."""
+    between the places that pairs have. Of clocks that differ there is no one place: what moves has them on either side
+    of their mean, where that of most would be one side's."""
     D = robust_mean(found.D)
     wrong = apart(found, D)
-    if wrong.any():
+    if wrong.any() and not clocks:
         other = agreed_place(found)
         less = apart(found, other)
         if less.sum() <= wrong.sum():

@@ -29,8 +29,9 @@ from calibrant.targets.target import Target
 if TYPE_CHECKING:
     from calibrant.simulate.robot_cell.cell import RobotCell
 
-VIEWS = 18
-"""Pictures with the arm; the thesis takes 20 for a wrist camera, 10 to 20 for fixed ones."""
+VIEWS = {"gripper": 18, "base": 26}
+"""Pictures with the arm by what the camera is mounted on; the thesis takes 20 for a wrist camera, 10 to 20 for fixed
+ones, which are farther from their board: here more of them."""
 HELD_VIEWS = 10
 """Pictures of the board held before a fixed camera, for its lens: the thesis finds a plateau from 5 to 10."""
 ROBOT_ACCURACY = "0.2mm,0.03deg"
@@ -58,17 +59,17 @@ def calibrate_cell_cameras(
     cell: RobotCell,
     views: Sequence[str] = ("wrist",),
     *,
-    pictures: int = VIEWS,
+    pictures: int | None = None,
     robot_accuracy: str | None = ROBOT_ACCURACY,
 ) -> dict[str, CellCalibration]:
     """Calibrate cameras of a cell by the project's own functions; things on the table go away meanwhile and come back.
 
-    A wrist camera looks at the large board on the table from `pictures` places; lens and mounting come from these. A
+    A wrist camera looks at the large board on the table from several places; lens and mounting come from these. A
     fixed camera first has the large board held before it (a person does that), then sees the board in the gripper.
 
-    Args: views: names of the cell's cameras; robot_accuracy: as of `calibrate_hand_eye`, None where the arm is perfect
-    but for scatter. Returns a calibration each. Raises: InputError for an unknown camera;
-    RefusedError when too few places can be reached, or as `calibrate_hand_eye`.
+    Args: views: names of the cell's cameras; pictures: with the arm, `VIEWS` unless given; robot_accuracy: as
+    of `calibrate_hand_eye`, None where the arm is perfect but for scatter. Returns a calibration each. Raises:
+    InputError for an unknown camera; RefusedError when too few places can be reached, or as `calibrate_hand_eye`.
 
         >>> from calibrant.simulate.robot_cell import make_robot_cell
         >>> from calibrant.studies.cell_calibration import calibrate_cell_cameras
@@ -89,8 +90,9 @@ def calibrate_cell_cameras(
         cell.robot.move_joints(cell.robot.home)
 
 
-def _calibrated(cell: RobotCell, name: str, pictures: int, accuracy: str | None) -> CellCalibration:
+def _calibrated(cell: RobotCell, name: str, asked: int | None, accuracy: str | None) -> CellCalibration:
     camera = next(c for c in cell.spec.cameras if c.name == cell.camera(name).name)
+    pictures = VIEWS[camera.parent] if asked is None else asked
     rng = np.random.default_rng([cell.seed, *f"calibrate {name}".encode()])
     if camera.parent == "gripper":
         observations, poses = _from_the_wrist(cell, camera, pictures, rng)

@@ -21,7 +21,7 @@ from calibrant.simulate.robot_cell import (  # isort: skip
     make_robot_cell,
     sheet,
 )
-from calibrant.simulate.robot_cell.parts.spec import FRONT, MARKER, TOP, WRIST  # isort: skip
+from calibrant.simulate.robot_cell.parts.spec import FRONT, LARGE_BOARD, MARKER, TOP, WRIST  # isort: skip
 
 SMALL = RobotCellSpec(objects=(cube("red cube", "red"), sheet("marker", MARKER)))
 
@@ -185,8 +185,8 @@ def test_a_spec_says_what_is_wrong_with_it() -> None:
         cube("a", "pink")
     with pytest.raises(InputError, match="no arm and no file called kuka"):
         make_robot_cell(0, spec=RobotCellSpec(arm="kuka"))
-    many = tuple(cube(f"cube {k}", "red") for k in range(90))
-    with pytest.raises(InputError, match="no room on the table for cube"):
+    many = tuple(sheet(f"board {k}", LARGE_BOARD) for k in range(9))
+    with pytest.raises(InputError, match="no room on the table for board"):
         make_robot_cell(0, spec=RobotCellSpec(objects=many, cameras=()))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -57,8 +58,6 @@ class SimulatedCamera:
         self.T_parent_camera = T_parent_camera
         self._world, self._renderer, self._sheets, self._light = world, renderer, sheets, light
         self._rng, self._bank = rng, NoiseBank(rng, correlation_px=spec.depth_noise.correlation_px)
-        self._colour_map: LensMap = lens_map(true.colour)
-        self._depth_map: LensMap = lens_map(true.depth)
         self._taken = 0
         self._open = True
         self._on_picture: list[Callable[[str, Picture], None]] = []
@@ -81,6 +80,14 @@ class SimulatedCamera:
         if self._spec.parent == "base":
             return self.T_parent_camera
         return self._world.pose("flange") @ self.T_parent_camera
+
+    @cached_property
+    def _colour_map(self) -> LensMap:
+        return lens_map(self.true.colour)
+
+    @cached_property
+    def _depth_map(self) -> LensMap:
+        return lens_map(self.true.depth)
 
     def take(self) -> Picture:
         self._need_open()

@@ -22,33 +22,34 @@ _SIDE = 1448
 
 
 class NoiseBank:
-    """Standard normal numbers drawn once; each picture reads them from a place of its own.
+    """Standard normal numbers drawn once a process; each picture reads them from a place of its own.
 
     A picture has a million: drawing them anew took longer than drawing the picture.
     """
 
     def __init__(self, rng: np.random.Generator, *, correlation_px: float) -> None:
-        self._rng = rng
-        self._white = rng.standard_normal(_SIDE * _SIDE, dtype=np.float32)
-        self._smooth = _smoothed(self._white.reshape(_SIDE, _SIDE), correlation_px)
+        self._rng, self._correlation_px = rng, correlation_px
 
     def white(self, count: int) -> NDArray[np.float32]:
         """That many independent numbers."""
-        if count > len(self._white):
+        if count > _SIDE * _SIDE:
             return self._rng.standard_normal(count, dtype=np.float32)
-        start = int(self._rng.integers(len(self._white) - count + 1))
-        return self._white[start : start + count]
+        start = int(self._rng.integers(_SIDE * _SIDE - count + 1))
+        return _numbers(0.0).ravel()[start : start + count]
 
     def smooth(self, rows: int, columns: int) -> NDArray[np.float32]:
         """Numbers (rows * columns,) of a picture whose neighbours are alike."""
         if rows > _SIDE or columns > _SIDE:
             return self.white(rows * columns)
         r, c = (int(self._rng.integers(_SIDE - n + 1)) for n in (rows, columns))
-        return np.ascontiguousarray(self._smooth[r : r + rows, c : c + columns]).ravel()
+        part = _numbers(self._correlation_px)[r : r + rows, c : c + columns]
+        return np.ascontiguousarray(part).ravel()
 
 
-def _smoothed(white: NDArray[np.float32], correlation_px: float) -> NDArray[np.float32]:
-    """White noise blurred, and scaled to sigma 1: times 2 sqrt(pi) of the blur."""
+@lru_cache(maxsize=4)
+def _numbers(correlation_px: float) -> NDArray[np.float32]:
+    """White noise blurred, and scaled to sigma 1."""
+    white = np.random.default_rng(1).standard_normal((_SIDE, _SIDE), dtype=np.float32)
     if correlation_px <= 0.3:
         return white
     blurred = np.asarray(cv2.GaussianBlur(white, (0, 0), correlation_px), dtype=np.float32)

@@ -824,7 +824,7 @@ def verify_stitch(
     force: bool = False,
 ) -> CalibrationResult: ...
 def verify_watch(
-    result: str | Path,
+    result: str | Path | None = None,
     *,
     images: Words = (),
     target: str | None = None,
@@ -833,6 +833,13 @@ def verify_watch(
     sigma_px: str = "0.2px",
     name: str | None = None,
     run: str = "100000",
+    cell: bool = False,
+    seeds: int = 20,
+    first_seed: int = 0,
+    view: str = "wrist",
+    arm: str = "panda",
+    record: str | Path | None = None,
+    show: bool = False,
     pose_units: str = "auto",
     pose_rotation: str = "auto",
     pose_angle: str = "auto",
@@ -846,6 +853,7 @@ def verify_watch(
     exclude: Words = (),
     workers: str | int | None = None,
     cache: str | None = None,
+    force: bool = False,
 ) -> CalibrationResult: ...
 def servo_teach(
     result: str | Path,

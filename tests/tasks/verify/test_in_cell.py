@@ -59,3 +59,14 @@ def test_pick_and_place_without_a_robot_is_said() -> None:
     assert status == 2
     assert "give --cell" in err
     assert said("pick-place", "--cell", "--cubes", "0")[0] == 2
+
+
+@needs_opengl()
+@pytest.mark.long
+def test_a_push_is_named_in_one_cell() -> None:
+    status, out, err = said("watch", "--cell", "--view", "front", "--seeds", "1", "--first-seed", "40", "--json")
+    assert status == 0, err
+    run = json.loads(out)["runs"][0]
+    assert run["passed"] is True
+    assert run["reason"].startswith("named by picture")
+    assert run["error_mm"] < 1.0  # of a push by 1 mm: it is known better than it is large

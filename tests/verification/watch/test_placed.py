@@ -16,7 +16,7 @@ from calibrant.simulate.noise import noisy_poses
 from calibrant.simulate.scenes import gripper_poses, look_at_board, observe, standard_mounting
 from calibrant.targets.registry import parse_target
 from calibrant.verification.unchanged.robot_noise import RobotSide, robot_side
-from calibrant.verification.watch.placed import at_robot_poses, placed_views, standing_still
+from calibrant.verification.watch.placed import at_robot_poses, placed_views, standing_still, with_target_at
 from calibrant.verification.watch.result import Watched, moved_in_hand, watched
 from calibrant.verification.watch.sequential import Rule, Sight, watch
 
@@ -101,3 +101,15 @@ def test_a_camera_and_a_tag_that_stand_still() -> None:
     assert alarm is not None
     assert 14 <= alarm.since <= 16
     assert alarm.at <= 25
+
+
+def test_another_target_than_the_calibrations_is_learnt(known: CalibrationResult, side: RobotSide) -> None:
+    """Its place is known by half a metre: the first pictures tell it, and a push among them is told as well."""
+    rng = np.random.default_rng(14)
+    seen, said = working(28, rng, PUSH, at=14)
+    rough = with_target_at(side, se3.retract(side.Z, [0.02, -0.01, 0.0, 0.01, 0.0, 0.02]))
+    placed = placed_views(known.camera, seen.views, rough.predicted(said), stated_px=known.sigma_px)
+    alarm = watch(at_robot_poses(known.camera, rough, placed, said), Rule(freedom=side.freedom)).alarm
+    assert alarm is not None
+    assert 13 <= alarm.since <= 15
+    assert alarm.at < 24

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from calibrant.errors import InputError, RefusedError
 from calibrant.tasks.inputs import session
 from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.cell import CellOptions
 from calibrant.tasks.options.images import NamedPhotoOptions, SearchOptions
 from calibrant.tasks.options.option import Option
 from calibrant.tasks.options.poses import PoseOptions
@@ -33,6 +35,7 @@ class Request:
 
     calibrant verify watch hand-eye.json --images today/*.png --poses today.csv
     calibrant verify watch self-visibility.json --images today/*.png --features features.csv
+    calibrant verify watch --cell --view front --seeds 20
 
     Exit status 0: not moved; 1: moved. The pictures are taken one after another, in their order. With robot poses the
     target of the calibration is compared with where the calibration puts it; without, a camera that stands still with
@@ -40,8 +43,8 @@ class Request:
     with their pixels of then.
     """
 
-    result: Annotated[Path, Option("RESULT.json", positional=True)]
-    """The calibration: a result of hand-eye, pose, intrinsics, rig or tool self-visibility."""
+    result: Annotated[Path | None, Option("RESULT.json", positional=True)] = None
+    """The calibration: a result of hand-eye, pose, intrinsics, rig or tool self-visibility; not with --cell."""
     photos: NamedPhotoOptions = NamedPhotoOptions()
     poses: Annotated[tuple[str, ...], Option("FILES")] = ()
     """Robot poses of the pictures: a file, or one file a pose."""
@@ -53,6 +56,7 @@ class Request:
     """Which camera took the pictures, where the result has several."""
     run: Annotated[str, Option("PICTURES")] = "100000"
     """Pictures between two false alarms, in the mean: 100000 raises one in 1 % of runs of 1000 pictures at most."""
+    cells: CellOptions = CellOptions()
     form: PoseOptions = PoseOptions()
     arm: RobotOptions = RobotOptions()
     search: SearchOptions = SearchOptions()
@@ -60,6 +64,8 @@ class Request:
 
 def reads(request: Request) -> list[str | Path]:
     """The result, the pictures, the poses, the features and the robot's file."""
+    if request.cells.cell or request.result is None:
+        return []
     photos = [file for file, keep in every_photo(request.photos, request.search) if keep]
     features = [] if request.features is None else [request.features]
     return [request.result, *photos, *request.poses, *features, *request.arm.files]
@@ -73,6 +79,11 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     from calibrant.data.result_file import read_result
     from calibrant.verification.watch.result import watch_result
 
+    request.cells.check()
+    if request.cells.cell:
+        return _in_cells(request, listener)
+    if request.result is None:
+        raise InputError("give the calibration that the pictures are compared with, or --cell for simulated ones")
     known = read_result(request.result)
     compare = Compare.of(known, request.name, request.photos.target)
     if request.features is not None:
@@ -84,6 +95,17 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     kept = {k: v for k, v in options.items() if v is not None}
     result = replace(result, options=kept, inputs=session.file_records(reads(request)))
     return Outcome(result=result, refusal=_refusal(result))
+
+
+def _in_cells(request: Request, listener: Listener) -> Outcome:
+    """Simulated cells whose camera is pushed at a picture."""
+    from calibrant.tasks.verify.in_cell.watch import watch_series
+    from calibrant.verification.runs import runs_text
+
+    if request.result is not None or request.photos.images or request.features is not None:
+        raise InputError("--cell calibrates and looks by itself: leave the result, the pictures and the features out")
+    found = watch_series(request.cells, run=_run(request.run), listener=listener)
+    return Outcome(result=found, printed=partial(runs_text, found), refusal=_refusal(found))
 
 
 def _run(text: str) -> float:
@@ -100,7 +122,7 @@ def _refusal(result: CalibrationResult) -> RefusedError | None:
     check = result.check("watch")
     if check.status != "fail":
         return None
-    error = RefusedError(f"the camera was watched and is {check.message}")
+    error = RefusedError(f"the camera was watched: {check.message}")
     error.result = result
     return error
 

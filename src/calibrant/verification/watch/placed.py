@@ -124,6 +124,15 @@ def at_robot_poses(
     return tuple(sights)
 
 
+def with_target_at(side: RobotSide, T_target_parent: Array) -> RobotSide:
+    """The side of a camera that watches another target than the calibration's, whose place (4, 4) is known roughly, as
+    by the first picture: it is learnt from the pictures, and only a move among them is told."""
+    C = side.covariance.copy()
+    C[6:12] = C[:, 6:12] = 0.0
+    C[6:12, 6:12] = np.diag(np.repeat(UNKNOWN, 3)) ** 2
+    return replace(side, Z=T_target_parent, covariance=C, arm=None)
+
+
 def _whole(side: RobotSide) -> Array:
     """The covariance of (X, Z, lens) with what the arm errs by in it."""
     C = side.covariance.copy()

@@ -11,10 +11,11 @@ import numpy as np
 from calibrant.arrays import Array
 from calibrant.cameras import Camera
 from calibrant.data import CalibrationResult, Check, Measured, Observations, ViewResult, verdict_of
-from calibrant.data.details import WatchedPicture, Watching
+from calibrant.data.details import TaskRun, TaskRuns, WatchedPicture, Watching
 from calibrant.data.verdicts import stamp
 from calibrant.diagnose.movement import camera_words, figure, movement, of_camera
 from calibrant.geometry import se3
+from calibrant.verification.runs import run_checks, run_figures
 from calibrant.verification.watch.sequential import Rule, Sight, Watch, fit_since
 
 AXES = ("x", "y", "z")
@@ -176,4 +177,17 @@ def _views(watched: Watched) -> tuple[ViewResult, ...]:
     return tuple(
         ViewResult(s.name, s.name not in poor, len(s.off) // 2, reason="poor picture" if s.name in poor else None)
         for s in watched.sights
+    )
+
+
+def watch_series_result(runs: Sequence[TaskRun], *, view: str, rate: float) -> CalibrationResult:
+    """The result of kind "watch" over cells whose camera is moved at a picture: named in time, and not before?"""
+    found = TaskRuns("watch", "camera", tuple(runs))
+    checks = run_checks(found)
+    figures = {**run_figures(runs), "pictures between false alarms": Measured(rate)}
+    options = {"view": view, "seeds": len(runs)}
+    return stamp(
+        CalibrationResult(
+            "watch", verdict_of(checks), checks=checks, figures=figures, details=(found,), options=options
+        )
     )

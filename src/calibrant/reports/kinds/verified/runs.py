@@ -45,7 +45,8 @@ COLUMNS: Sequence[tuple[str, Cell, Callable[[TaskRun], object]]] = (
 """Header, text of a run, and what must be there in some run for the column to be shown."""
 
 
-def _tables(result: CalibrationResult) -> list[TextTable]:
+def run_tables(result: CalibrationResult) -> list[TextTable]:
+    """Run by run, and what stands beside."""
     found = result.detail(TaskRuns)
     if found is None or not found.runs:
         return []
@@ -70,7 +71,8 @@ def _headline(result: CalibrationResult) -> list[Fact]:
     return _facts(result)[:4]
 
 
-def _answer(result: CalibrationResult) -> str:
+def run_answer(result: CalibrationResult) -> str:
+    """How many passed."""
     found = result.detail(TaskRuns)
     first = next((c for c in result.checks if found is not None and c.name == found.task), None)
     return "" if first is None else f"{first.message[:1].upper()}{first.message[1:]}."
@@ -80,19 +82,20 @@ def _page(look: Look) -> list[Block]:
     result = look.result
     found = result.detail(TaskRuns)
     blocks = [Block("advice", {"advice": found.advice})] if found is not None and found.advice else []
-    blocks += [table.block for table in _tables(result)]
+    blocks += [table.block for table in run_tables(result)]
     if result.checks:
         blocks.append(Block("checks", {"checks": list(result.checks)}))
     return blocks
 
 
-def _terminal(result: CalibrationResult) -> list[RenderableType]:
+def run_terminal(result: CalibrationResult) -> list[RenderableType]:
+    """The answer, the tables, what to do, and what the checks say."""
     from rich.table import Table
     from rich.text import Text
 
     style = "bold red" if result.verdict == "refused" else "bold green"
-    parts: list[RenderableType] = [Text(_answer(result), style=style)]
-    for table in _tables(result):
+    parts: list[RenderableType] = [Text(run_answer(result), style=style)]
+    for table in run_tables(result):
         drawn = Table(*(c.name for c in table.columns), title=table.heading, title_justify="left")
         for row in table.rows:
             drawn.add_row(*map(str, row))
@@ -110,7 +113,9 @@ def _terminal(result: CalibrationResult) -> list[RenderableType]:
 
 def kind(title: str) -> Kind:
     """The kind of a task's results."""
-    return Kind(title, _headline, _answer, _facts, "runs", _tables, page=_page, terminal=_terminal, verdicts=VERDICTS)
+    return Kind(
+        title, _headline, run_answer, _facts, "runs", run_tables, page=_page, terminal=run_terminal, verdicts=VERDICTS
+    )
 
 
 PINPOINT = kind("The tip to a marker's centre")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from calibrant.data import CalibrationResult
 from calibrant.data.details import Watching
 from calibrant.percent import percent
+from calibrant.reports.kinds.verified.runs import run_answer, run_tables, run_terminal
 from calibrant.reports.parts.blocks import Block, Column, TextTable
 from calibrant.reports.parts.figures import Fact
 from calibrant.reports.parts.kind import Kind
@@ -32,7 +33,9 @@ def _headline(result: CalibrationResult) -> list[Fact]:
 
 def _answer(result: CalibrationResult) -> str:
     found = result.detail(Watching)
-    return "" if found is None else f"{found.answer[:1].upper()}{found.answer[1:]}."
+    if found is None:
+        return run_answer(result)
+    return f"{found.answer[:1].upper()}{found.answer[1:]}."
 
 
 def _chance(value: float | None) -> str:
@@ -44,7 +47,7 @@ def _chance(value: float | None) -> str:
 def _tables(result: CalibrationResult) -> list[TextTable]:
     found = result.detail(Watching)
     if found is None or not found.pictures:
-        return []
+        return run_tables(result)
     names = [p.name for p in found.pictures]
     middle = names.index(found.at) if found.at in names else len(names) - 1
     shown = found.pictures[max(middle - AROUND, 0) : middle + AROUND + 1]
@@ -71,6 +74,8 @@ def _terminal(result: CalibrationResult) -> list[RenderableType]:
     from rich.text import Text
 
     found = result.detail(Watching)
+    if found is None:
+        return run_terminal(result)
     style = "bold red" if result.verdict == "refused" else "bold green"
     parts: list[RenderableType] = [Text(_answer(result), style=style)]
     if found is not None and found.advice:

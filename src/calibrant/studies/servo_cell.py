@@ -140,10 +140,12 @@ def _eye(cell: RobotCell, known: CalibrationResult, case: ServoCase, rng: np.ran
     if case.hand_eye_deg:
         mounting = turned(mounting, case.hand_eye_deg, rng.standard_normal(3))
     target = parse_target(BOARD)
-    return Eye(camera, mounting, _Colour(cell), finder(target), Model.target(target), case.depth, known.sigma_px or 0.1)
+    return Eye(
+        camera, mounting, WristColour(cell), finder(target), Model.target(target), case.depth, known.sigma_px or 0.1
+    )
 
 
-class _Colour:
+class WristColour:
     """The wrist camera without its depth, in half the time."""
 
     def __init__(self, cell: RobotCell) -> None:

@@ -88,6 +88,6 @@ def make_belt(seed: int, *, speed: float, turn: float, sigma_px: float = 0.1, la
     robot.holds = closes_on
     sight = TargetSight(
         CAMERA, find, Model(np.arange(4), TAG), T_TARGET_OBJECT,
-        away=lambda: -(robot.chain.forward(robot.q) @ HAND)[:3, :3].T[:, 2],
+        into=np.array([0.0, 0.0, -1.0]),
     )  # fmt: skip
     return Belt(robot, source, sight, Mounting("eye-in-hand", HAND), velocity, turn, first)

@@ -40,9 +40,9 @@ class Sighting:
 
 
 class Finder(Protocol):
-    """Finds the object in a picture: its pose, or why not."""
+    """Finds the object in a picture that a camera at T_base_camera (4, 4) took: its pose, or why not."""
 
-    def __call__(self, picture: Picture) -> Sighting | str:
+    def __call__(self, picture: Picture, T_base_camera: Array) -> Sighting | str:
         """See the class."""
         ...
 
@@ -192,13 +192,13 @@ class _Follower:
         picture = self.source.take()
         self.pictures += 1
         self._remember()
-        found = self.find(picture)
-        if isinstance(found, str):
-            self.why = found
-            return
         t = picture.time_s - self.latency.seconds
         T_base_gripper = Motion(np.array(self.times), np.stack(self.poses)).at([t])[0]
         T_base_camera = self.mounting.T_base_camera(T_base_gripper)
+        found = self.find(picture, T_base_camera)
+        if isinstance(found, str):
+            self.why = found
+            return
         R = np.zeros((6, 6))
         R[:3, :3] = R[3:, 3:] = T_base_camera[:3, :3]
         T, C = T_base_camera @ found.T_camera_object, R @ found.covariance @ R.T

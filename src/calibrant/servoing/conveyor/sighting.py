@@ -24,17 +24,17 @@ FLAT = 2.0
 @dataclass(frozen=True, eq=False)
 class TargetSight:
     """Finds a target on a thing: camera; find and model of the target; T_target_object (4, 4); sigma_px where the
-    detector says none; away: asked for the direction (3,) in the camera in which the target's z should point, by
-    which a plane's two poses are told apart."""
+    detector says none; into (3,): the direction in the base in which the target's z points, by which a plane's two
+    poses are told apart."""
 
     camera: Camera
     find: Callable[[Picture], Detection]
     model: Model
     T_target_object: Array
     sigma_px: float = 0.2
-    away: Callable[[], Array] | None = None
+    into: Array | None = None
 
-    def __call__(self, picture: Picture) -> Sighting | str:
+    def __call__(self, picture: Picture, T_base_camera: Array) -> Sighting | str:
         """The object's pose in the camera, or why there is none."""
         found = self.find(picture)
         if not found.found:
@@ -48,8 +48,8 @@ class TargetSight:
         except InputError as error:
             return str(error)
         T, C, rms = poses.T_camera_target[0], poses.covariance[0], float(poses.rms_px[0])
-        if self.away is not None:
-            direction, other = self.away(), poses.doubles[0]
+        if self.into is not None:
+            direction, other = T_base_camera[:3, :3].T @ self.into, poses.doubles[0]
             better = other[:3, 2] @ direction > T[:3, 2] @ direction
             if better and float(poses.doubles_rms_px[0]) < max(FLAT * rms, 3 * float(sigma.mean())):
                 T, C = other, poses.doubles_covariance[0]

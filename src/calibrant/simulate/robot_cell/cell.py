@@ -120,6 +120,11 @@ class RobotCell:
         """What is in the gripper: "pen", "stick" or nothing."""
         return self._tool
 
+    def spin(self, name: str, rad_s: float) -> None:
+        """Turn a box about the vertical at a rate, as a turntable under it would, until friction stops it; called at
+        every step it goes on. Raises: InputError for an unknown name."""
+        self._world.spin(self._item(name).name, rad_s)
+
     def run_conveyor(self, speed_m_s: float) -> None:
         """Run the belt at a speed along +y. Raises: InputError for a cell without one."""
         if self.spec.conveyor is None:

@@ -98,6 +98,16 @@ class World:
         self._set(body, T_base_body)
         self.settle()
 
+    def spin(self, body: str, rad_s: float) -> None:
+        """Give a free body a turn about the vertical, rad/s; its other speeds stay."""
+        joint = self.model.joint(body)
+        speed = int(joint.dofadr[0])
+        R = pose_of(self.data.xpos[self._body(body)], self.data.xquat[self._body(body)])[:3, :3]
+        # A free joint turns about the body's own axes.
+        own = self.data.qvel[speed + 3 : speed + 6].copy()
+        up = R.T @ np.array([0.0, 0.0, 1.0])
+        self.data.qvel[speed + 3 : speed + 6] = own + (rad_s - own @ up) * up
+
     def take_away(self, body: str) -> None:
         """Hide a body and park it; nothing happens when it is away."""
         if body in self._absent:

@@ -22,7 +22,7 @@ from calibrant.errors import RefusedError
 from calibrant.geometry import se3, so3
 from calibrant.opencv import cv2
 from calibrant.robots.inverse import solve_inverse
-from calibrant.simulate.robot_cell.parts.spec import LARGE_BOARD, CellCamera
+from calibrant.simulate.robot_cell.parts.spec import HELD_BOARD, LARGE_BOARD, CellCamera
 from calibrant.targets.registry import parse_target
 from calibrant.targets.target import Target
 
@@ -65,7 +65,7 @@ def calibrate_cell_cameras(
     """Calibrate cameras of a cell by the project's own functions; things on the table go away meanwhile and come back.
 
     A wrist camera looks at the large board on the table from several places; lens and mounting come from these. A
-    fixed camera first has the large board held before it (a person does that), then sees the board in the gripper.
+    fixed camera first has the stick's board held before it (a person does that), then sees it in the gripper.
 
     Args: views: names of the cell's cameras; pictures: with the arm, `VIEWS` unless given; robot_accuracy: as
     of `calibrate_hand_eye`, None where the arm is perfect but for scatter. Returns a calibration each. Raises:
@@ -141,14 +141,13 @@ def _from_the_stick(
 
 
 def _held_before(cell: RobotCell, camera: CellCamera, count: int, rng: np.random.Generator) -> Observations:
-    """Pictures of the large board, held before a fixed camera by hand."""
-    board, target = _board(cell)
+    """Pictures of the stick's board, held before a fixed camera by hand."""
+    board, target = HELD_BOARD, parse_target(cell.spec.stick_board)
     x0, y0, x1, y1 = target.artwork().bounds
     spots = rng.uniform((0.4, 0.4), (0.6, 0.6), (count, 2)) * [x1 - x0, y1 - y0] + [x0, y0]
-    fills = (
-        camera.colour.parameters["fx"] * (x1 - x0) / camera.colour.image_size[0]
-    )  # metres at which it fills the width
-    B = _looks(spots, rng, distance=(0.85 * fills, 1.25 * fills), tilt_deg=(12, 40))
+    # Metres at which its longer side fills the picture's width.
+    fills = camera.colour.parameters["fx"] * max(x1 - x0, y1 - y0) / camera.colour.image_size[0]
+    B = _looks(spots, rng, distance=(0.9 * fills, 1.6 * fills), tilt_deg=(12, 40))
     taken = []
     for T in B:
         cell.place(board, camera.T_parent_camera @ T)

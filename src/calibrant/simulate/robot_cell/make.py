@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from calibrant.simulate.robot_cell.cell import RobotCell
 from calibrant.simulate.robot_cell.draw import drawn_camera, drawn_light, drawn_places, stream
 from calibrant.simulate.robot_cell.film import Recorder, film_camera
 from calibrant.simulate.robot_cell.model import build_world
-from calibrant.simulate.robot_cell.parts.spec import RobotCellSpec
+from calibrant.simulate.robot_cell.parts.spec import HELD_BOARD, RobotCellSpec, sheet
 from calibrant.simulate.robot_cell.pictures.camera import SimulatedCamera
 from calibrant.simulate.robot_cell.pictures.drawing import choose_renderer
 from calibrant.simulate.robot_cell.pictures.lens import lens_map
@@ -48,7 +49,7 @@ def make_robot_cell(seed: int, *, spec: RobotCellSpec | None = None, record: Pat
         ...     picture = cell.cameras["front"].take()
         ...     T = cell.truth.T_base_object("red cube")
     """
-    chosen = spec or RobotCellSpec()
+    chosen = _with_held_board(spec or RobotCellSpec())
     if seed < 0:
         raise InputError(f"a seed is 0 or more, got {seed}")
     arm = _arm(chosen.arm)
@@ -104,6 +105,13 @@ def _arm(name: str) -> CellArm:
     return file_arm(packaged_file(name) if name in PACKAGED else name)
 
 
+def _with_held_board(spec: RobotCellSpec) -> RobotCellSpec:
+    """The spec with a copy of the stick's board that stands in the cell only when it is placed."""
+    if any(o.name == HELD_BOARD for o in spec.objects):
+        return spec
+    return replace(spec, objects=(*spec.objects, sheet(HELD_BOARD, spec.stick_board, present=False)))
+
+
 def _lay_out(spec: RobotCellSpec, world: World, seed: int) -> None:
     places = drawn_places(spec, stream(seed, "places"))
     for item in spec.objects:
@@ -121,6 +129,6 @@ def _finished(
     values = {"fx": K[0, 0], "fy": K[1, 1], "cx": K[0, 2], "cy": K[1, 2]}
     camera = Camera.create("pinhole", values, image_size=size)
     eye = Eye(camera, lens_map(camera), T_base_camera, light)
-    for sheet in sheets.seen():
-        draw_sheet(colour, depth, sheet, world.pose(sheet.body), eye)
+    for printed in sheets.seen():
+        draw_sheet(colour, depth, printed, world.pose(printed.body), eye)
     return colour

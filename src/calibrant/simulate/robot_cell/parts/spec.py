@@ -26,9 +26,12 @@ from calibrant.simulate.robot_cell.parts.noise import (
 LARGE_BOARD = "charuco:9x14:40mm:31mm:DICT_5X5_1000"
 SMALL_BOARD = "charuco:7x10:12mm:8mm:DICT_4X4_50"
 MEDIUM_BOARD = "charuco:18x29:10mm:8mm:DICT_5X5_1000"
-PADDLE_BOARD = "charuco:5x7:50mm:40mm:DICT_4X4_50"
-"""The stick's board for fixed cameras of 640x480 pixels a metre away: a marker's tiles are 2.5 px there. Those of the
+PADDLE_BOARD = "charuco:5x7:50mm:35mm:DICT_4X4_50"
+"""The stick's board for fixed cameras of 640x480 pixels a metre away: a marker's tiles are 2.2 px there, and the white
+between it and a corner 3 px, enough to measure the corner by its edges. Those of the
 thesis' small board would be half a pixel; it needs 57 cm of stick and a camera of 1280 px to come near enough."""
+HELD_BOARD = "held board"
+"""A second copy of the stick's board, away at first, for a person to hold before a camera."""
 MARKER = "marker:100mm:DICT_5X5_50:7"
 """10 cm across, of 7 x 7 tiles of 1.43 cm (thesis, section 5.4)."""
 

@@ -74,6 +74,7 @@ if TYPE_CHECKING:
     from calibrant.tasks.verbs import servo_teach as servo_teach
     from calibrant.tasks.verbs import stereo as stereo
     from calibrant.tasks.verbs import study_methods as study_methods
+    from calibrant.tasks.verbs import study_paper_tables as study_paper_tables
     from calibrant.tasks.verbs import target as target
     from calibrant.tasks.verbs import time_offset as time_offset
     from calibrant.tasks.verbs import tool_seen as tool_seen
@@ -123,6 +124,7 @@ _PUBLIC = {
     "rig": ("calibrant.tasks.verbs", "rig"),
     "stereo": ("calibrant.tasks.verbs", "stereo"),
     "study_methods": ("calibrant.tasks.verbs", "study_methods"),
+    "study_paper_tables": ("calibrant.tasks.verbs", "study_paper_tables"),
     "demo": ("calibrant.tasks.verbs", "demo"),
     "capture": ("calibrant.tasks.verbs", "capture"),
     "geometry": ("calibrant.geometry", ""),

@@ -282,6 +282,7 @@ CASES: Mapping[str, Callable[[Files], Options]] = {
 """Options by command, as Python takes them: a line for every command that gives a result."""
 ANSWERS: Mapping[str, Options] = {
     "study methods": {"noise": "0", "lens": "pinhole", "trials": 0, "views": 2},
+    "study paper-tables": {},
     "demo": {"views": 6},
     "servo run": {},
     "verify pick-place": {},

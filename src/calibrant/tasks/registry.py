@@ -73,6 +73,12 @@ TASKS = {
         out="Write every figure (JSON) here.",
         judged=False,
     ),
+    "study paper-tables": Entry(
+        "studies.paper_tables",
+        "Read a cuboid's pose as the paper did, in both frames.",
+        out="Write every figure (JSON) here.",
+        judged=False,
+    ),
     "report": Entry("results.report", "Show a result file, or make its HTML report.", ()),
     "compare": Entry("results.compare", "Compare two calibrations: pixels, parameters, mm and deg."),
     "convert": Entry("results.convert", "Convert cameras, rigs and transforms between programs.", ("json",)),

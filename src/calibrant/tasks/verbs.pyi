@@ -366,6 +366,19 @@ def study_methods(
     workers: str | int | None = None,
     cache: str | None = None,
 ) -> CalibrationResult: ...
+def study_paper_tables(
+    *,
+    cell: bool = False,
+    seeds: int = 20,
+    first_seed: int = 0,
+    view: str = "wrist",
+    arm: str = "panda",
+    record: str | Path | None = None,
+    show: bool = False,
+    readings: int = 6,
+    plot: str | Path | None = None,
+    force: bool = False,
+) -> CalibrationResult: ...
 def report(
     result: str | Path,
     others: Words = (),

@@ -63,19 +63,18 @@ def run_checks(found: TaskRuns) -> tuple[Check, ...]:
 
 def run_figures(runs: Sequence[TaskRun]) -> dict[str, Measured]:
     """Median errors, with the sigma of a median of as many."""
+    kinds = (
+        ("median error", "mm", [r.error_mm for r in runs]),
+        ("median error after correction", "mm", [r.after_mm for r in runs]),
+        ("median turn", "deg", [r.turned_deg for r in runs]),
+        ("median turn after correction", "deg", [r.after_deg for r in runs]),
+    )
     figures = {}
-    for name, after in (("median error", False), ("median error after correction", True)):
-        errors = [r.after_mm if after else r.error_mm for r in runs]
-        known = np.array([e for e in errors if e is not None])
+    for name, unit, values in kinds:
+        known = np.array([v for v in values if v is not None])
         if len(known):
             spread = 1.2533 * float(known.std(ddof=1)) / np.sqrt(len(known)) if len(known) > 1 else float("nan")
-            figures[name] = Measured(float(np.median(known)), spread, "mm")
-    turns = [r.turned_deg for r in runs if r.turned_deg is not None]
-    if turns:
-        figures["median turn"] = Measured(float(np.median(turns)), unit="deg")
-    turns = [r.after_deg for r in runs if r.after_deg is not None]
-    if turns:
-        figures["median turn after correction"] = Measured(float(np.median(turns)), unit="deg")
+            figures[name] = Measured(float(np.median(known)), spread, unit)
     return figures
 
 

@@ -138,7 +138,7 @@ def _pose_checks(camera: Camera, poses: Poses, confidence: float) -> tuple[Check
         _pose_fit_check(poses),
         _pose_noise_check(poses),
         _two_fold(poses, confidence),
-        _weakest(poses),
+        weakest_check(poses.views),
         _pose_camera_check(camera, poses),
     )
 
@@ -259,10 +259,11 @@ def _doubt(p: ViewPose, estimated: bool) -> str:
     return f"{p.view.id}: odds {odds:.2g} : 1, {apart:.1f} deg apart; {fits}"
 
 
-def _weakest(poses: Poses) -> Check:
-    worst = max(poses.views, key=lambda p: p.weakest.sigma_mm)
+def weakest_check(views: Sequence[ViewPose]) -> Check:
+    """Where the worst known of the poses is known worst, in words."""
+    worst = max(views, key=lambda p: p.weakest.sigma_mm)
     w = worst.weakest
-    where = "" if len(poses.views) == 1 else f" in {worst.view.id}"
+    where = "" if len(views) == 1 else f" in {worst.view.id}"
     return Check(
         "weakest", "ok",
         f"the target's middle is known worst{where} {_side(w)}, (x, y, z) = {_vector(w.direction)}: {w.sigma_mm:.2g} "

@@ -47,7 +47,8 @@ FLAT = np.array([[0.0, 0.0, 1.0]])
 class BoardPose:
     """T_camera_target (4, 4), covariance (6, 6), of corners and depth; by_corners: (6, 6) that the corners alone give;
     scale, scale_sigma: relative, of the depths against the corners; noise: of the depth as the board shows it; depths:
-    pixels used."""
+    pixels used; apart: chi-square, of 3 degrees, of what lies between corners and depth (a plane has three numbers);
+    misfit: of all residuals."""
 
     T_camera_target: Array
     covariance: Array
@@ -56,6 +57,8 @@ class BoardPose:
     scale_sigma: float
     noise: DepthNoise
     depths: int
+    apart: float = 0.0
+    misfit: float = 0.0
 
     @property
     def gain(self) -> float:
@@ -83,14 +86,24 @@ def board_pose(
     """The pose of a flat board, z = 0, from its corners and its depth.
 
     Args: depth (h, w), metres, the depth camera's grid; sigma_px: of a corner, per axis; noise: expected of the depth,
-    of which the board shows the level; its `scale_sigma` counts, and with free_scale that is unknown.
+    of which the board shows the level; what its depths share counts, and with free_scale that is unknown.
     Raises: InputError for a board with depth of its own; RefusedError where too few pixels on it have depth.
     """
-    if np.ptp(view.points[:, 2]) > 1e-9:
-        raise InputError(f"view {view.id!r}: the depth of flat boards alone is compared; this target is none")
+    _require_flat(view)
     found = target_poses(rig.colour, [view])
     T, by_corners = found.T_camera_target[0], found.covariance[0] * sigma_px**2
     by_corners = by_corners + _by_lens(rig.colour, view, T)
+    return pose_with_depth(view, T, by_corners, depth, rig, noise=noise, free_scale=free_scale)
+
+
+def pose_with_depth(
+    view: View, T: Array, by_corners: Array, depth: Array, rig: DepthRig, *, noise: DepthNoise, free_scale: bool = False
+) -> BoardPose:
+    """The same from a pose T (4, 4) by the corners that is there already, with its covariance by_corners (6, 6).
+
+    Raises: as `board_pose`.
+    """
+    _require_flat(view)
     z = checked_depth(depth, rig)
     inside = _within(view, T, rig)
     rays = rays_of(rig.depth)
@@ -108,18 +121,74 @@ def board_pose(
     every = len(rows) / len(pick)
     r, q = rays[rows[pick], columns[pick]], 1 / z[rows[pick], columns[pick]]
     sigma = plane.noise.inverse_sigma * max(plane.noise.pixels_per_sample / every, 1.0) ** 0.5
-    loose = LOOSE_SCALE if free_scale else noise.scale_sigma
-    solution = _solved(T, by_corners, r, q, sigma, rig, loose, mean_rounding(z, q, plane.step))
+    loose = LOOSE_SCALE if free_scale else noise.common_scale(float(1 / np.median(q)))
+    rounding = mean_rounding(z, q, plane.step)
+    moved = _by_calibration(rig, view, T)
+    of_noise = _without(by_corners, np.array([d for _, d in moved]).reshape(-1, 6))
+    solution = _solved(T, of_noise, r, q, sigma, rig, loose, rounding)
     joint = solution.joint_covariance([("T_camera_object", 0), ("scale", 0)])
+    T_both, s = solution.value("T_camera_object")[0], float(solution.value("scale")[0, 0])
+    pixels = np.stack([columns[pick], rows[pick]], axis=1).astype(np.float64)
+    for other, delta in moved:
+        # Corners and rays are off by one and the same lens: its errors are not narrowed as noise is.
+        rays_off = other.depth.unproject(pixels)
+        off = _solved(se3.retract(T, delta), of_noise, rays_off / rays_off[:, 2:], q, sigma, other, loose, rounding)
+        shift = se3.local(T_both, off.value("T_camera_object")[0])
+        by_lens = np.append(shift, float(off.value("scale")[0, 0]) - s)
+        joint = joint + np.outer(by_lens, by_lens)
+    apart = float(np.sum(solution.residuals("corners") ** 2)) + (s / loose if loose > 0 else 0.0) ** 2
     return BoardPose(
-        solution.value("T_camera_object")[0],
+        T_both,
         joint[:6, :6],
         by_corners,
-        float(solution.value("scale")[0, 0]),
+        s,
         float(np.sqrt(joint[6, 6])),
         plane.noise,
         len(pick),
+        apart,
+        2 * solution.cost,
     )
+
+
+def _by_calibration(rig: DepthRig, view: View, T: Array) -> list[tuple[DepthRig, Array]]:
+    """The rig with each independent error of its calibration, 1 sigma, and what the corners' pose moves by (6,)."""
+    values, vectors = np.linalg.eigh(rig.calibration)
+    out = []
+    for value, direction in zip(values, vectors.T):
+        if value > 1e-12 * values.max():
+            off = rig.moved(np.sqrt(value) * direction)
+            same = np.array_equal(off.colour.values, rig.colour.values)
+            out.append((off, np.zeros(6) if same else _moved(off.colour, rig.colour, view, T)))
+    return out
+
+
+def _moved(off: Camera, camera: Camera, view: View, T: Array) -> Array:
+    """What the pose by the corners moves by (6,) with another lens."""
+    at = _nearest(camera, view, T)
+    return se3.local(at, _nearest(off, view, at))
+
+
+def _nearest(camera: Camera, view: View, T: Array) -> Array:
+    """Of a view's two poses the one nearer to T."""
+    found = target_poses(camera, [view])
+    both = (found.T_camera_target[0], found.doubles[0])
+    return min(both, key=lambda M: float(np.linalg.norm(se3.local(T, M))))
+
+
+def _without(covariance: Array, moves: Array) -> Array:
+    """A covariance (6, 6) less that of the moves (k, 6) it holds; never below a thousandth of itself."""
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 1e-12 * values.max()))
+    inner = np.linalg.lstsq(root, moves.T, rcond=None)[0]
+    share, axes = np.linalg.eigh(np.eye(len(root)) - inner @ inner.T)
+    left = root @ axes
+    return np.asarray((left * np.maximum(share, 1e-3)) @ left.T)
+
+
+def _require_flat(view: View) -> None:
+    """Raises: InputError for a board with depth of its own."""
+    if np.ptp(view.points[:, 2]) > 1e-9:
+        raise InputError(f"view {view.id!r}: the depth of flat boards alone is compared; this target is none")
 
 
 def _solved(
@@ -151,16 +220,8 @@ def _within(view: View, T: Array, rig: DepthRig) -> Mask:
 def _by_lens(camera: Camera, view: View, T: Array) -> Array:
     """Covariance (6, 6) of the pose by the lens' errors: the pose that each independent one of them gives."""
     out = np.zeros((6, 6))
-    if camera.covariance is None:
-        return out
-    values, vectors = np.linalg.eigh(camera.covariance)
-    for value, direction in zip(values, vectors.T):
-        if value > 1e-12 * values.max():
-            off = Camera(camera.model, camera.image_size, camera.values + np.sqrt(value) * direction)
-            moved = target_poses(off, [view])
-            both = [se3.local(T, M) for M in (moved.T_camera_target[0], moved.doubles[0])]
-            delta = min(both, key=lambda d: float(np.linalg.norm(d)))
-            out += np.outer(delta, delta)
+    for _, delta in _by_calibration(DepthRig.aligned(camera), view, T):
+        out += np.outer(delta, delta)
     return out
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrant.arrays import Array
+from calibrant.detection.images.files import expand
 from calibrant.detection.images.images import load_image
 from calibrant.errors import InputError
 from calibrant.reading.files import PICTURE, read_bytes
@@ -36,6 +38,21 @@ def read_depth(path: str | Path, *, unit: float | None = None) -> Array:
     z = scale * given.astype(np.float64)
     z[~(np.isfinite(z) & (z > 0))] = np.nan
     return np.asarray(z)
+
+
+def depth_files(given: Sequence[str | Path]) -> list[Path]:
+    """Files of depth: pictures by name, folder or pattern, and NumPy's arrays. Raises: InputError for none there."""
+    out: list[Path] = []
+    for name in map(str, given):
+        if not name.lower().endswith(".npy"):
+            out += [Path(f) for f in expand([name])]
+            continue
+        path = Path(name)
+        found = sorted(path.parent.glob(path.name)) if set("*?[") & set(path.name) else [path]
+        if not found or not all(f.is_file() for f in found):
+            raise InputError(f"there is no depth file {name}")
+        out += found
+    return out
 
 
 def _array(path: Path) -> NDArray[Any]:

@@ -27,6 +27,7 @@ from calibrant.tasks.writing import check_spared
 if TYPE_CHECKING:
     from calibrant.cameras import Camera
     from calibrant.data import CalibrationResult, Observations, View
+    from calibrant.tasks.options.depth_cameras import DepthRigOptions
 
 EXAMPLE = 'cb.pose("photo.png", camera="camera.json", target="chessboard:9x6:25mm")'
 
@@ -44,6 +45,7 @@ class Request:
     """Find where a target is: T_camera_target with its uncertainty in millimetres and degrees.
 
     calibrant pose photo.png --camera camera.json --target chessboard:9x6:25mm --overlay seen.png
+    calibrant pose photo.png --depth depth.png --camera camera.json --target chessboard:9x6:25mm
 
     Both poses are given where the photo cannot tell them apart. The camera's own uncertainty counts, where its file
     has it.
@@ -57,6 +59,14 @@ class Request:
     """Noise of a point per axis, e.g. 0.1px; else the detector's, or that of the residuals."""
     confidence: Annotated[float, Option("P")] = 0.99
     """From which probability two solutions are told apart."""
+    depth: Annotated[tuple[str, ...], Option("FILES")] = ()
+    """Depth of each photo, in the same order: it narrows the distance, and tells two poses apart."""
+    depth_camera: Annotated[str | None, Option("NAME")] = None
+    """The depth camera in --camera's file, where depth has a grid of its own."""
+    baseline: Annotated[str, Option("LENGTH")] = "50mm"
+    """Of the depth camera: D435 50mm, D455 95mm."""
+    sigma_scale: Annotated[str, Option("PERCENT")] = "2%"
+    """1 sigma of a factor that all depths share: as makers state it; verify depth says it better."""
     search: SearchOptions = SearchOptions()
     overlay: Annotated[Path | None, Option("FILE.png", output="either")] = None
     """Draw the target's axes over the photo; of several photos, into this folder."""
@@ -65,7 +75,7 @@ class Request:
 def reads(request: Request) -> list[Path]:
     """The photos or the file of points, and the camera's file."""
     source = _pose_source(request, SILENT)
-    return [*source.inputs(source.files()), _camera_file(request)]
+    return [*source.inputs(source.files()), *_depth_files(request), _camera_file(request)]
 
 
 def run(request: Request, listener: Listener = SILENT) -> Outcome:
@@ -74,7 +84,8 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     noise = pixels(request.sigma_px, option="--sigma-px")
     source = _pose_source(request, listener)
     files = source.files()
-    inputs = [*source.inputs(files), camera]
+    depths = _depth_files(request)
+    inputs = [*source.inputs(files), *depths, camera]
     found = source.read(files)
     pictures = _pictures(found, request.overlay, inputs)
     session.load_solver(listener)
@@ -83,9 +94,16 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     from calibrant.data.verdicts import refuse_if_failed
     from calibrant.formats.cameras.read import read_camera
 
-    known = read_camera(camera, image_size=next(iter(found.image_sizes.values())))
+    size = next(iter(found.image_sizes.values()))
+    known = (
+        read_camera(camera, image_size=size) if request.depth_camera is None else _rig_options(request).rig(size).colour
+    )
+    if depths and len(depths) != len(files):
+        raise InputError(f"{len(files)} photos and {len(depths)} depth pictures; expected one for each, in their order")
     with listener.status("Finding poses …"):
         result = estimate_poses(known, found, sigma_px=noise, confidence=request.confidence)
+        if depths:
+            result = _with_depth(request, result, dict(zip(map(str, files), depths)))
     options = {**result.options, **({"mirror_x": True} if request.search.mirror_x else {})}
     result = session.with_misses(replace(result, options=options, inputs=session.file_records(inputs)))
     refuse_if_failed(result)
@@ -98,6 +116,45 @@ def _camera_file(request: Request) -> Path:
             "a pose needs the camera that took the photo: --camera camera.json (calibrant intrinsics --out)"
         )
     return request.camera
+
+
+def _rig_options(request: Request) -> DepthRigOptions:
+    from calibrant.tasks.options.depth_cameras import DepthRigOptions
+
+    return DepthRigOptions(
+        camera=request.camera,
+        depth_camera=request.depth_camera,
+        baseline=request.baseline,
+        sigma_scale=request.sigma_scale,
+    )
+
+
+def _depth_files(request: Request) -> list[Path]:
+    """The depth pictures. Raises: InputError for one that is not there."""
+    if not request.depth:
+        return []
+    from calibrant.perceive.registered_depth.files import depth_files
+
+    return depth_files(request.depth)
+
+
+def _with_depth(request: Request, result: CalibrationResult, depths: dict[str, Path]) -> CalibrationResult:
+    """The poses with the depths of their photos. Args: depths by the photo's file."""
+    from calibrant.perceive.board_depth.poses import with_depth
+    from calibrant.perceive.registered_depth.files import read_depth
+
+    if result.observations is None:
+        raise InputError("--depth goes with photos")
+    views = {v.id: v for v in result.observations.views}
+    missing = next((v.id for v in views.values() if v.file not in depths), None)
+    if missing is not None:
+        raise InputError(f"--depth goes with photos; these points name none ({missing}): leave it out")
+    options = _rig_options(request)
+    rig = options.rig(next(iter(result.observations.image_sizes.values())))
+    pictures = {name: read_depth(depths[str(v.file)]) for name, v in views.items()}
+    asked = {"baseline": request.baseline, "sigma_scale": request.sigma_scale, "depth_camera": request.depth_camera}
+    found = with_depth(result, pictures, rig, noise=options.noise(rig))
+    return replace(found, options={**found.options, **{k: v for k, v in asked.items() if v is not None}})
 
 
 def _pose_source(request: Request, listener: Listener) -> Source:

@@ -20,10 +20,10 @@ from calibrant.simulate.scenes import intrinsics_scene
 from calibrant.tasks.registry import TASKS
 
 PACKAGE = Path(calibrant.__file__).parent
-FOREIGN = {"--help", "--version", "--install-completion"} | {
+FOREIGN = {"--help", "--version", "--install-completion", "--no-deps"} | {
     f"--{name}" for name in ("frame-id", "child-frame-id", "roll", "pitch", "yaw", "qx", "qy", "qz", "qw", "ros-args")
 }
-"""Of no command, and of ROS's static_transform_publisher."""
+"""Of no command, of pip, and of ROS's static_transform_publisher."""
 OTHERS = {"reports/printed.py": "calls a browser, with the browser's options"}
 
 

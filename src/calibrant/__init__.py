@@ -70,6 +70,7 @@ if TYPE_CHECKING:
     from calibrant.tasks.verbs import ros_launch as ros_launch
     from calibrant.tasks.verbs import ros_run as ros_run
     from calibrant.tasks.verbs import scan as scan
+    from calibrant.tasks.verbs import servo_conveyor as servo_conveyor
     from calibrant.tasks.verbs import servo_run as servo_run
     from calibrant.tasks.verbs import servo_teach as servo_teach
     from calibrant.tasks.verbs import stereo as stereo
@@ -170,6 +171,7 @@ _PUBLIC = {
     "verify_watch": ("calibrant.tasks.verbs", "verify_watch"),
     "servo_teach": ("calibrant.tasks.verbs", "servo_teach"),
     "servo_run": ("calibrant.tasks.verbs", "servo_run"),
+    "servo_conveyor": ("calibrant.tasks.verbs", "servo_conveyor"),
     "write_report": ("calibrant.reports.html", "write_report"),
 }
 

@@ -285,6 +285,7 @@ ANSWERS: Mapping[str, Options] = {
     "study paper-tables": {},
     "demo": {"views": 6},
     "servo run": {},
+    "servo conveyor": {},
     "verify pick-place": {},
     "verify stitch": {},
     **{f"project {word}": {} for word in ("new", "add", "list", "set", "rename", "remove", "solve", "status", "check")},

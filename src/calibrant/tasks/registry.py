@@ -112,6 +112,9 @@ TASKS = {
     "verify watch": Entry("verify.watch", "Has the camera been moved? Picture after picture tells."),
     "servo teach": Entry("servo.teach", "Teach a pose by what a camera sees from there."),
     "servo run": Entry("servo.run", "Lead an arm to a taught pose; tried in simulated cells.", ("json",), judged=False),
+    "servo conveyor": Entry(
+        "servo.conveyor", "Grasp what a belt carries; tried in simulated cells.", ("json",), judged=False
+    ),
     "ros run": Entry("run", "Calibrate a camera beside a running robot, through ROS.", (), package="ros"),
     "ros launch": Entry("launch", "Run the nodes of several cameras.", (), judged=False, package="ros"),
 }

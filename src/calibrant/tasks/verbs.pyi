@@ -902,6 +902,15 @@ def servo_run(
     plot: str | Path | None = None,
     force: bool = False,
 ) -> CalibrationResult: ...
+def servo_conveyor(
+    *,
+    cell: bool = False,
+    seeds: int = 1,
+    seed: int = 0,
+    trials: int = 1,
+    speed: str = "200mm",
+    turn: str = "30deg",
+) -> CalibrationResult: ...
 def ros_run(
     config: str | Path,
     *,

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from calibrant.tasks.verbs import dynamic as dynamic
     from calibrant.tasks.verbs import epipolar as epipolar
     from calibrant.tasks.verbs import hand_eye as hand_eye
+    from calibrant.tasks.verbs import hand_eye_point as hand_eye_point
     from calibrant.tasks.verbs import intrinsics as intrinsics
     from calibrant.tasks.verbs import kinematics as kinematics
     from calibrant.tasks.verbs import locate as locate
@@ -83,6 +84,7 @@ if TYPE_CHECKING:
     from calibrant.tasks.verbs import tool_touch as tool_touch
     from calibrant.tasks.verbs import undistort as undistort
     from calibrant.tasks.verbs import vanishing as vanishing
+    from calibrant.tasks.verbs import verify_depth as verify_depth
     from calibrant.tasks.verbs import verify_held_out as verify_held_out
     from calibrant.tasks.verbs import verify_pick_place as verify_pick_place
     from calibrant.tasks.verbs import verify_pinpoint as verify_pinpoint
@@ -130,6 +132,7 @@ _PUBLIC = {
     "capture": ("calibrant.tasks.verbs", "capture"),
     "geometry": ("calibrant.geometry", ""),
     "epipolar": ("calibrant.tasks.verbs", "epipolar"),
+    "hand_eye_point": ("calibrant.tasks.verbs", "hand_eye_point"),
     "hand_eye": ("calibrant.tasks.verbs", "hand_eye"),
     "intrinsics": ("calibrant.tasks.verbs", "intrinsics"),
     "kinematics": ("calibrant.tasks.verbs", "kinematics"),
@@ -162,6 +165,7 @@ _PUBLIC = {
     "tool_self_visibility": ("calibrant.tasks.verbs", "tool_self_visibility"),
     "tool_touch": ("calibrant.tasks.verbs", "tool_touch"),
     "vanishing": ("calibrant.tasks.verbs", "vanishing"),
+    "verify_depth": ("calibrant.tasks.verbs", "verify_depth"),
     "verify_held_out": ("calibrant.tasks.verbs", "verify_held_out"),
     "verify_pick_place": ("calibrant.tasks.verbs", "verify_pick_place"),
     "verify_pinpoint": ("calibrant.tasks.verbs", "verify_pinpoint"),

@@ -104,6 +104,38 @@ def _locate(files: Files) -> Options:
     }
 
 
+def _hand_eye_point(files: Files) -> Options:
+    rng = np.random.default_rng(5)
+    X = se3.make(so3.exp([2.0, 0.3, -0.4]), [1.2, -0.3, 0.7])
+    A = se3.make(so3.exp(rng.uniform(-0.6, 0.6, (12, 3))), np.array([0.5, 0.0, 0.4]) + rng.uniform(-0.2, 0.2, (12, 3)))
+    seen = se3.apply(se3.inverse(X), se3.apply(A, np.array([0.01, 0.02, 0.11])))
+    # The camera looks along z at what moves before it.
+    turn = se3.make(np.linalg.qr(np.column_stack([seen.mean(axis=0), np.eye(3)[:, :2]]))[0][:, [1, 2, 0]], np.zeros(3))
+    p = se3.apply(se3.inverse(turn), seen)
+    p = p if p[:, 2].mean() > 0 else p * [1, -1, -1]
+    poses, points = files.folder / "arm.csv", files.folder / "points.csv"
+    names = [f"{i:02d}" for i in range(12)]
+    poses.write_text(poses_csv(RobotPoses.from_matrices(A, ids=names)))
+    rows = (f"{n},{x:.6f},{y:.6f},{z:.6f}" for n, (x, y, z) in zip(names, p))
+    points.write_text("\n".join(["image,x,y,z", *rows]) + "\n")
+    return {"poses": [poses], "points": points}
+
+
+def _verify_depth(files: Files) -> Options:
+    """Depth of the board in the first photo, by its pose."""
+    from calibrant.calibrate.pose.target_poses import target_poses
+
+    photo = files.images / "00.png"
+    view = cb.detect(photo, target=TARGET).views[0]
+    camera = camera_of_photos()
+    T = target_poses(camera, [view]).T_camera_target[0]
+    u, v = np.meshgrid(np.arange(480.0), np.arange(360.0))
+    rays = camera.unproject(np.stack([u, v], -1))
+    depth = files.folder / "board.npy"
+    np.save(depth, (T[:3, 2] @ T[:3, 3]) / ((rays / rays[..., 2:]) @ T[:3, 2]))
+    return {"images": [photo], "depth": [depth], "camera": files.camera, "target": TARGET}
+
+
 def _vanishing(files: Files) -> Options:
     rng = np.random.default_rng(7)
     camera = Camera.create("pinhole", {"fx": 520.0, "fy": 520.0, "cx": 319.5, "cy": 239.5}, image_size=(640, 480))
@@ -262,6 +294,8 @@ CASES: Mapping[str, Callable[[Files], Options]] = {
     "doctor": _doctor,
     "pose": _pose,
     "locate": _locate,
+    "hand-eye-point": _hand_eye_point,
+    "verify depth": _verify_depth,
     "vanishing": _vanishing,
     "capture": _capture,
     "point": _point,

@@ -32,6 +32,7 @@ ORDER = (
         "projector",
         "project",
         "hand-eye",
+        "hand-eye-point",
         "pose",
         "locate",
         "doctor",

@@ -249,7 +249,9 @@ def depth_scale(
             f"{len(views)} views and {len(depths)} depth pictures: expected one for each, and one at least"
         )
     found = [board_pose(v, z, rig, sigma_px=sigma_px, noise=noise, free_scale=True) for v, z in zip(views, depths)]
-    s, sigma = np.array([f.scale for f in found]), np.array([f.scale_sigma for f in found])
+    # The fit's s is of inverse depths: 1/z is 1 - s times as long, z 1 / (1 - s) times.
+    shrunk = np.array([1 - f.scale for f in found])
+    s, sigma = 1 / shrunk - 1, np.array([f.scale_sigma for f in found]) / shrunk**2
     shared = _shared_scale(rig.colour, views[0])
     own = np.sqrt(np.maximum(sigma**2 - shared**2, (0.1 * sigma) ** 2))
     w = 1 / own**2

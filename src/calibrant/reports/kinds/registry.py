@@ -26,7 +26,7 @@ from calibrant.reports.kinds import (
     undistorted,
     vanishing,
 )
-from calibrant.reports.kinds.eyes import depth, epipolar, pointing, projector, rectified, scan, stereo
+from calibrant.reports.kinds.eyes import depth, depth_camera, epipolar, pointing, projector, rectified, scan, stereo
 from calibrant.reports.kinds.verified import runs, watch
 from calibrant.reports.parts.kind import Kind
 from calibrant.reports.parts.phrases import first_transform, placed
@@ -45,6 +45,8 @@ KINDS: Mapping[str, Kind] = {
     "self-visibility": self_visibility.KIND,
     "pose": pose.KIND,
     "located": located.KIND,
+    "depth-scale": depth_camera.SCALE,
+    "hand-eye-point": depth_camera.ONE_POINT,
     "vanishing": vanishing.KIND,
     "undistorted": undistorted.KIND,
     "rectified": rectified.KIND,

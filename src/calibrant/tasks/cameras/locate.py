@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from calibrant.errors import InputError
 from calibrant.tasks.inputs import session
 from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.depth_cameras import DepthRigOptions
 from calibrant.tasks.options.option import Option
-from calibrant.tasks.options.words import pixels
 from calibrant.tasks.outcome import Document, Outcome
 from calibrant.tasks.writing import check_spared
 
@@ -26,10 +26,12 @@ if TYPE_CHECKING:
     from calibrant.perceive.object_pose.poses import ObjectPose
     from calibrant.perceive.object_pose.seen import Scene
     from calibrant.perceive.object_pose.shapes import Shape
-    from calibrant.perceive.registered_depth.noise import DepthNoise
     from calibrant.perceive.registered_depth.register import DepthRig
 
 EXAMPLE = 'cb.locate("colour.png", depth="depth.png", camera="camera.json", object="box:54x37x5mm", colour="h:345-15")'
+
+
+_OF_CAMERAS = ("depth_camera", "baseline", "sigma_disparity", "sigma_scale")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,10 +49,7 @@ class Request:
     """The colour picture."""
     depth: Annotated[Path | None, Option("FILE")] = None
     """Its depth: 16-bit PNG in millimetres, or .npy in metres."""
-    camera: Annotated[Path | None, Option("FILE", "-c")] = None
-    """The colour camera (any format), or both cameras and where they are to each other."""
-    depth_camera: Annotated[str | None, Option("NAME")] = None
-    """The depth camera in --camera's file, where depth has a grid of its own."""
+    cameras: DepthRigOptions = DepthRigOptions()
     object: Annotated[str | None, Option("SHAPE")] = None
     """Its shape: box:54x37x5mm, cube:40mm, mesh:part.stl (mesh:part.stl:mm where the unit is not plain)."""
     colour: Annotated[str | None, Option("RANGE")] = None
@@ -58,12 +57,6 @@ class Request:
     the object is what stands out of the table."""
     near: Annotated[str | None, Option("U,V")] = None
     """A pixel near the object that is meant, where several could be it."""
-    baseline: Annotated[str, Option("LENGTH")] = "50mm"
-    """Of the depth camera: D435 50mm, D455 95mm."""
-    sigma_disparity: Annotated[str, Option("PX")] = "0.08px"
-    """Noise of its disparities; what the table shows replaces it."""
-    sigma_scale: Annotated[str, Option("PERCENT")] = "0%"
-    """1 sigma of a factor that all depths share."""
     overlay: Annotated[Path | None, Option("FILE.png", output="file")] = None
     """Draw the object over the picture."""
     stages: Annotated[Path | None, Option("DIR", output="folder")] = None
@@ -75,7 +68,7 @@ def reads(request: Request) -> list[Path]:
     needed = {
         "the colour picture": request.picture,
         "its depth, --depth depth.png": request.depth,
-        "the camera that took it, --camera camera.json": request.camera,
+        "the camera that took it, --camera camera.json": request.cameras.camera,
     }
     missing = next((words for words, path in needed.items() if path is None), None)
     if missing is not None:
@@ -99,10 +92,10 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
 
     shape, words = parse_shape(request.object)
     image = _colour_picture(load_image(files[0]), files[0])
-    rig = _rig(request, (image.shape[1], image.shape[0]))
+    rig = request.cameras.rig((image.shape[1], image.shape[0]))
     session.load_solver(listener)
     with listener.status("Locating the object …"):
-        scene = Scene.of(image, read_depth(files[1]), rig, noise=_noise(request, rig))
+        scene = Scene.of(image, read_depth(files[1]), rig, noise=request.cameras.noise(rig))
         colour = _colour(request, image)
         segment, others = _segment(request, scene, image, colour)
         pose = locate(scene, segment, shape, others=others)
@@ -119,67 +112,6 @@ def _colour_picture(image: NDArray[Any], path: Path) -> NDArray[np.uint8]:
     if image.dtype != np.uint8:
         raise InputError(f"picture {path} is of {image.dtype}; expected 8 bits. Is it the depth?")
     return np.ascontiguousarray(image[..., :3])
-
-
-def _rig(request: Request, size: tuple[int, int]) -> DepthRig:
-    from calibrant.formats.cameras.read import read_camera, read_pair
-    from calibrant.geometry import se3
-    from calibrant.perceive.registered_depth.register import DepthRig
-
-    path = request.camera
-    if path is None:
-        raise InputError("missing: --camera camera.json")
-    if request.depth_camera is None:
-        return DepthRig.aligned(read_camera(path, image_size=size))
-    pair = read_pair(path)
-    names = list(pair.cameras)
-    if request.depth_camera not in names or len(names) != 2:
-        raise InputError(f"{path} holds the cameras {', '.join(names)}; --depth-camera names one of two of them")
-    depth = request.depth_camera
-    colour = next(n for n in names if n != depth)
-    known = {(t.parent, t.child): t for t in pair.transforms}
-    if (colour, depth) in known:
-        t = known[colour, depth]
-        return DepthRig(pair.cameras[colour], pair.cameras[depth], t.matrix, t.covariance)
-    if (depth, colour) in known:
-        t = known[depth, colour]
-        T = se3.inverse(t.matrix)
-        # delta of the inverse: -R^T omega, and R^T (hat(omega) t - v) with R, t of the given one.
-        covariance = None if t.covariance is None else _inverse_covariance(t.matrix, t.covariance)
-        return DepthRig(pair.cameras[colour], pair.cameras[depth], T, covariance)
-    raise InputError(f"{path} does not say where {depth} is to {colour}")
-
-
-def _inverse_covariance(T: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    import numpy as np
-
-    from calibrant.geometry import so3
-
-    Rt = T[:3, :3].T
-    J = np.zeros((6, 6))
-    J[:3, :3] = -Rt
-    J[3:, :3] = -Rt @ so3.hat(T[:3, 3])
-    J[3:, 3:] = -Rt
-    return J @ covariance @ J.T
-
-
-def _noise(request: Request, rig: DepthRig) -> DepthNoise:
-    from calibrant.perceive.registered_depth.noise import DepthNoise
-    from calibrant.targets.lengths import parse_length
-
-    scale = request.sigma_scale.strip()
-    try:
-        relative = float(scale.removesuffix("%")) / 100
-    except ValueError:
-        relative = -1.0
-    if not scale.endswith("%") or not 0 <= relative < 1:
-        raise InputError(f"--sigma-scale takes per cent, such as 0.5%; got {scale!r}")
-    return DepthNoise.stereo(
-        focal_px=rig.depth.parameters["fx"],
-        baseline_m=parse_length(request.baseline, what="--baseline"),
-        disparity_px=pixels(request.sigma_disparity, option="--sigma-disparity") or 0.08,
-        scale_sigma=relative,
-    )
 
 
 def _pixel(text: str, *, option: str) -> tuple[float, float]:
@@ -229,11 +161,11 @@ def _result(request: Request, rig: DepthRig, pose: ObjectPose, words: str, files
         int(pose.figures["faces"]),
         float(pose.figures["overlap"]),
     )
-    asked = {
-        name: value
-        for name in ("object", "colour", "near", "depth_camera", "baseline", "sigma_disparity", "sigma_scale")
-        if (value := getattr(request, name)) is not None
+    given = {
+        **{name: getattr(request, name) for name in ("object", "colour", "near")},
+        **{name: getattr(request.cameras, name) for name in _OF_CAMERAS},
     }
+    asked = {name: value for name, value in given.items() if value is not None}
     return stamp(
         CalibrationResult(
             "located",

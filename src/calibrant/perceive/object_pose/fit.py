@@ -48,7 +48,8 @@ class Measurements:
     taken as independent; points (k, 3), object's frame, outward (k, 2), edge_uv (k, 2), side (k,): of the outline;
     sigma_edge (k,), sigma_side (k,), sigma_common, px: of each, shared by a side, and by all; contact (c, 3): vertices
     on the table, object's frame; table: in the depth camera's frame, None where there is none; rounding: 1 sigma of
-    what the depths' steps leave in all on the object together, 1/m.
+    what the depths' steps leave in all on the object together, 1/m; lost: share of the depths within the outline that
+    are of something else.
     """
 
     uv_depth: Array
@@ -66,6 +67,7 @@ class Measurements:
     table: Plane | None
     scale_sigma: float
     rounding: float = 0.0
+    lost: float = 0.0
 
 
 class FaceDepths(Factor):

@@ -3,43 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibrant.arrays import Array, Mask
 from calibrant.errors import RefusedError
 from calibrant.geometry import se3
-from calibrant.opencv import cv2
 from calibrant.optimize import Solution
 from calibrant.perceive.colour.segments import Segment
 from calibrant.perceive.object_pose import fit, starts
-from calibrant.perceive.object_pose.edge_profiles import REACH_PX, measure_edges
-from calibrant.perceive.object_pose.outline_edges import COMMON_BIAS_PX, find_edges, side_bias, with_their_side
+from calibrant.perceive.object_pose.measured import FIRST_REACH, LAST_REACH, MASK_SIGMA_PX, Fitted, measured
 from calibrant.perceive.object_pose.poses import ObjectPose
-from calibrant.perceive.object_pose.rendered import Silhouette, outline, visible_triangles
-from calibrant.perceive.object_pose.seen import RIM_PX, Scene, require_depth
+from calibrant.perceive.object_pose.seen import Scene, require_depth
 from calibrant.perceive.object_pose.shapes import Shape
 from calibrant.perceive.registered_depth.planes import Plane
-from calibrant.perceive.registered_depth.steps import mean_rounding
 
 CANDIDATES = 4
 """First guesses that are refined: more are turns of the same face, which refinement brings together."""
-ROUNDS = 6
-_FIRST_REACH = 8.0
-_LAST_REACH = REACH_PX
-"""Pixels: at first half a step of the guesses' turn at the rim of a segment of 100 pixels; then what blur needs."""
-_MOST_DEPTHS = 4000
-_FAR = 4.0
-"""Sigmas: a depth farther off belongs to something else; 1 of 16 000 good ones is lost."""
+ROUNDS = 10
 _LEAST_DEPTHS = 12
-_LEAST_EDGES = 4
-_LEAST_SHARE = 0.3
-"""Of the outline: fewer edges may be those of something else."""
-_FIRST_SIGMA_PX = 0.5
-_MASK_SIGMA_PX = 1.5
-"""Of a segment's outline: specks are opened and gaps closed by a pixel or two."""
+_FAIR_SIDE_PX = 0.15
+"""By which costs are compared: an edge off by half a pixel is three of it, whatever its own sigma."""
+_NO_CONTRAST = 2.0
+"""What an outline costs for which a segment's stands: more than found edges that fit, less than ones that do not."""
 LEAST_OVERLAP = 0.7
 """Of the drawn shape and the segment: a box of half the length overlaps by a half, one turned by 90 degrees by less."""
 POOR = 2.5
@@ -54,18 +41,6 @@ TILT_PX = 400
 are 10 deg of foreshortening."""
 _STILL = 1e-3
 """Part of its sigma that a pose still moves by when it has settled."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Fitted:
-    """A refined pose with its measurements. cost: mean squared residual in sigmas, cut at 3, misses counted as 3."""
-
-    T: Array
-    m: fit.Measurements
-    solution: Solution
-    cost: float
-    edges_found: float
-    raw_sigma: Array
 
 
 def locate(
@@ -90,14 +65,33 @@ def locate(
     if segment.on_edge:
         notes.append("the picture's edge cuts the object off: what is outside is not seen")
     guesses = _guesses(scene, segment, shape, inner, table)
-    best = min((_refined(scene, segment, shape, g, inner, table) for g in guesses), key=lambda f: f.cost)
+    best = _best(scene, segment, shape, guesses, inner, table)
     if best.cost > POOR and _tells_tilt(best, segment):
-        loose = (replace(g, contact=np.zeros((0, 3))) for g in guesses)
-        other = min((_refined(scene, segment, shape, g, inner, table, afar=4) for g in loose), key=lambda f: f.cost)
+        loose = [replace(g, contact=np.zeros((0, 3))) for g in guesses]
+        other = _best(scene, segment, shape, loose, inner, table, afar=4)
         best = other if other.cost < MUCH_BETTER * best.cost else best
-    best = _settled(scene, segment, shape, best, inner)
     best = _if_it_stands(scene, shape, best, inner, segment, notes)
     return _answer(scene, segment, shape, best, notes)
+
+
+def _best(
+    scene: Scene,
+    segment: Segment,
+    shape: Shape,
+    guesses: Sequence[starts.Guess],
+    inner: Mask,
+    table: Plane | None,
+    *,
+    afar: int = 1,
+) -> Fitted:
+    """The best of the guesses, refined until it stands still: the others are tried too where the first is poor."""
+    tried = sorted((_refined(scene, segment, shape, g, inner, table, afar=afar) for g in guesses), key=lambda f: f.cost)
+    best = _settled(scene, segment, shape, tried[0], inner)
+    for other in tried[1:]:
+        if best.cost <= POOR:
+            break
+        best = min(best, _settled(scene, segment, shape, other, inner), key=lambda f: f.cost)
+    return best
 
 
 def _guesses(scene: Scene, segment: Segment, shape: Shape, inner: Mask, table: Plane | None) -> list[starts.Guess]:
@@ -133,11 +127,11 @@ def _refined(
     table: Plane | None,
     *,
     afar: int = 1,
-) -> _Fitted:
+) -> Fitted:
     """The pose after rounds that look far for edges, and one that looks near by."""
     T, fitted = guess.T_camera_object, None
     for k in range(afar + 1):
-        reach = _FIRST_REACH if k < afar else _LAST_REACH
+        reach = FIRST_REACH if k < afar else LAST_REACH
         fitted = _step(scene, segment, shape, T, inner, table, guess.contact, reach, fitted)
         T = fitted.T
     if fitted is None:
@@ -145,10 +139,10 @@ def _refined(
     return fitted
 
 
-def _settled(scene: Scene, segment: Segment, shape: Shape, f: _Fitted, inner: Mask) -> _Fitted:
+def _settled(scene: Scene, segment: Segment, shape: Shape, f: Fitted, inner: Mask) -> Fitted:
     """Associations and fit in turn until the pose stands still."""
     for _ in range(ROUNDS):
-        new = _step(scene, segment, shape, f.T, inner, f.m.table, f.m.contact, _LAST_REACH, f)
+        new = _step(scene, segment, shape, f.T, inner, f.m.table, f.m.contact, LAST_REACH, f)
         delta = se3.local(f.T, new.T)
         f = new
         if float(delta @ np.linalg.solve(f.solution.covariance("T_camera_object"), delta)) < _STILL**2:
@@ -165,145 +159,37 @@ def _step(
     table: Plane | None,
     contact: Array,
     reach: float,
-    before: _Fitted | None,
-) -> _Fitted:
-    m, raw, tried = _measured(scene, segment, shape, T, inner, table, contact, reach, before)
+    before: Fitted | None,
+) -> Fitted:
+    m, raw, tried = measured(scene, segment, shape, T, inner, table, contact, reach, before)
     solution = fit.fit(m, shape.normals, shape.offsets, scene.rig, T, size=shape.size)
-    names = [f.name for f in solution.problem.factors]
     squares = []
-    for name, count in (("depth", len(m.inverse)), ("outline", tried)):
-        if count:
-            r = solution.residuals(name)[:, 0] if name in names else np.zeros(0)
-            sigma = m.sigma_inverse if name == "depth" else np.median(m.sigma_edge) if len(r) else 1.0
-            s = np.minimum((r / sigma) ** 2, 9.0)
-            squares.append(float((s.sum() + 9.0 * (count - len(s))) / count))
+    if len(m.inverse):
+        own = _mean_square(solution.residuals("depth")[:, 0] / m.sigma_inverse, len(m.inverse))
+        squares.append((1 - m.lost) * own + 9.0 * m.lost)
+    if tried:
+        off = _outline_off(m, solution)
+        squares.append(_mean_square(off, tried) + (_NO_CONTRAST if raw.min(initial=9) >= MASK_SIGMA_PX else 0.0))
     share = len(m.points) / max(tried, 1)
-    return _Fitted(solution.value("T_camera_object")[0], m, solution, float(np.mean(squares or [9.0])), share, raw)
+    return Fitted(solution.value("T_camera_object")[0], m, solution, float(np.mean(squares or [9.0])), share, raw)
 
 
-def _measured(
-    scene: Scene,
-    segment: Segment,
-    shape: Shape,
-    T: Array,
-    inner: Mask,
-    table: Plane | None,
-    contact: Array,
-    reach: float,
-    before: _Fitted | None,
-) -> tuple[fit.Measurements, Array, int]:
-    """What belongs to the object if it stands at T; the edges' own sigmas; and how many edges were looked for."""
-    noise = scene.noise if table is None else table.noise
-    uv, inverse, face, every = _depths(scene, shape, T, inner, noise.inverse_sigma if before else np.inf)
-    seen = outline(shape, scene.rig.colour, T, visible_triangles(shape, scene.rig.colour, T))
-    seen = _unhidden(scene, T, seen)
-    edge, edge_uv, edge_sigma, tried = _edges(scene, segment, seen, reach)
-    depth_sigma, worse = _levels(before, noise.inverse_sigma)
-    shared = max(noise.pixels_per_sample / every, 1.0)
-    m = fit.Measurements(
-        uv_depth=uv,
-        inverse=inverse,
-        face=face,
-        sigma_inverse=depth_sigma * shared**0.5,
-        points=seen.points[edge],
-        outward=seen.outward[edge],
-        edge_uv=edge_uv,
-        side=seen.side[edge],
-        sigma_edge=worse * edge_sigma,
-        sigma_side=side_bias(seen.strips[edge], 2 * REACH_PX),
-        sigma_common=COMMON_BIAS_PX,
-        contact=contact if table is not None else np.zeros((0, 3)),
-        table=table,
-        scale_sigma=noise.common_scale(float(T[2, 3])),
-        rounding=mean_rounding(scene.registered.depth, inverse, table.step if table is not None else None),
-    )
-    return m, edge_sigma, tried
+def _mean_square(r: Array, count: int) -> float:
+    """Of residuals in sigmas, cut at 3; what is missing of `count` is as bad."""
+    return float((np.minimum(r * r, 9.0).sum() + 9.0 * (count - len(r))) / count)
 
 
-def _edges(
-    scene: Scene, segment: Segment, seen: Silhouette, reach: float
-) -> tuple[NDArray[np.int64], Array, Array, int]:
-    """Samples of the outline that have an edge (k,), where (k, 2), sigma (k,), px; and how many were looked for.
-
-    From afar every sample's half-way point; near by, what `edge_profiles` makes of pieces.
-    """
-    if reach > _LAST_REACH:
-        edges = find_edges(scene.colour, seen, reach=min(reach, max(segment.box[2:]) / 4))
-        sample, off, asked = np.flatnonzero(edges.good), edges.off[edges.good], len(seen.points)
-        sigma = np.full(len(sample), _FIRST_SIGMA_PX)
-    else:
-        pieces = measure_edges(scene.colour, seen)
-        sample, off, sigma, asked = pieces.sample, pieces.off, pieces.sigma, pieces.asked
-        good = with_their_side(off, np.ones(len(off), dtype=np.bool_), seen.side[sample])
-        sample, off, sigma = sample[good], off[good], sigma[good]
-    if len(sample) < max(_LEAST_EDGES, _LEAST_SHARE * asked):
-        # The picture has no contrast there: what cut the segment out is all there is.
-        edges = find_edges(np.where(segment.mask, 255.0, 0.0).astype(np.float32), seen, reach=_FIRST_REACH)
-        sample, off, asked = np.flatnonzero(edges.good), edges.off[edges.good], len(seen.points)
-        sigma = np.full(len(sample), _MASK_SIGMA_PX)
-    return sample, seen.uv[sample] + off[:, None] * seen.outward[sample], sigma, asked
+def _outline_off(m: fit.Measurements, solution: Solution) -> Array:
+    """How far edges are from the outline, in sigmas, what their side is off by included."""
+    if not len(m.points):
+        return np.zeros(0)
+    order = np.argsort(m.side, kind="stable")
+    _, counts = np.unique(m.side[order], return_counts=True)
+    off = solution.residuals("outline")[:, 0] + np.repeat(solution.value("side")[:, 0], counts)
+    return off / np.maximum(m.sigma_side, _FAIR_SIDE_PX)[order]
 
 
-def _depths(
-    scene: Scene, shape: Shape, T: Array, inner: Mask, sigma: float
-) -> tuple[Array, Array, NDArray[np.int64], float]:
-    """Pixels (n, 2), 1/z and faces of the depths on the object; and of how many pixels each stands for."""
-    T_depth = se3.inverse(scene.rig.T_colour_depth) @ T
-    index = visible_triangles(shape, scene.rig.depth, T_depth)
-    size = 2 * RIM_PX + 1
-    whole = cv2.erode((index >= 0).astype(np.uint8), np.ones((size, size), np.uint8)) > 0
-    rows, columns = np.nonzero(inner & whole)
-    face = index[rows, columns]
-    q = 1 / scene.registered.depth[rows, columns]
-    R, t = T_depth[:3, :3], T_depth[:3, 3]
-    n = shape.normals[face] @ R.T
-    off = np.sum(n * scene.rays[rows, columns], axis=1) / (shape.offsets[face] + n @ t) - q
-    if len(off):
-        # The guess may be off as a whole: gross errors are told from the others' median.
-        middle = float(np.median(off))
-        spread = float(np.median(np.abs(off - middle))) / 0.6745
-        limit = _FAR * max(spread, sigma if np.isfinite(sigma) else scene.noise.inverse_sigma)
-        near = np.abs(off - middle) <= limit
-        rows, columns, face, q = rows[near], columns[near], face[near], q[near]
-    every = max(len(rows) / _MOST_DEPTHS, 1.0)
-    pick = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _MOST_DEPTHS)).astype(np.int64))
-    uv = np.stack([columns, rows], axis=1).astype(np.float64)
-    return uv[pick], q[pick], face[pick], every
-
-
-def _unhidden(scene: Scene, T: Array, seen: Silhouette) -> Silhouette:
-    """The samples beside which nothing stands in front of the object."""
-    if not len(seen.uv):
-        return seen
-    z = scene.registered.z
-    height, width = z.shape
-    at = np.rint(seen.uv + 2 * RIM_PX * seen.outward).astype(np.int64)
-    at = np.clip(at, 0, (width - 1, height - 1))
-    beside = z[at[:, 1], at[:, 0]]
-    own = se3.apply(T, seen.points)[:, 2]
-    with np.errstate(invalid="ignore"):
-        hidden = beside < own - 5 * scene.noise.sigma_z(own) - 0.1 * np.ptp(own) - 0.01 * own
-    return seen.only(~hidden)
-
-
-def _levels(before: _Fitted | None, inverse_sigma: float) -> tuple[float, float]:
-    """Noise of a depth on the object, 1/m, and by how much edges are worse than they say, by what the fit before left
-    over."""
-    if before is None:
-        return inverse_sigma, 1.0
-    names = [f.name for f in before.solution.problem.factors]
-    depth, worse = inverse_sigma, 1.0
-    if "depth" in names:
-        r = before.solution.residuals("depth")[:, 0]
-        depth = max(inverse_sigma, float(np.median(np.abs(r))) / 0.6745)
-    if "outline" in names:
-        order = np.argsort(before.m.side, kind="stable")
-        r = before.solution.residuals("outline")[:, 0] / before.raw_sigma[order]
-        worse = max(1.0, float(np.median(np.abs(r))) / 0.6745)
-    return depth, worse
-
-
-def _if_it_stands(scene: Scene, shape: Shape, f: _Fitted, inner: Mask, segment: Segment, notes: list[str]) -> _Fitted:
+def _if_it_stands(scene: Scene, shape: Shape, f: Fitted, inner: Mask, segment: Segment, notes: list[str]) -> Fitted:
     """The fit without the table where depth and outline contradict that the object stands on it."""
     if f.m.table is not None and not len(f.m.contact):
         notes.append("the object does not stand on the table: its pose is from depth and outline alone")
@@ -333,7 +219,7 @@ def _if_it_stands(scene: Scene, shape: Shape, f: _Fitted, inner: Mask, segment: 
     return _settled(scene, segment, shape, again, inner)
 
 
-def _tells_tilt(f: _Fitted, segment: Segment) -> bool:
+def _tells_tilt(f: Fitted, segment: Segment) -> bool:
     """Whether object and depth could contradict that it stands on the table."""
     on_table = f.m.table is not None and len(f.m.contact) > 0
     return on_table and len(f.m.inverse) > 0 and segment.area_px >= TILT_PX
@@ -344,7 +230,7 @@ def _tilt(shape: Shape, T: Array, contact: Array, up: Array) -> float:
     return float(np.arccos(np.clip(abs((T[:3, :3] @ axes[2]) @ up), 0, 1)))
 
 
-def _answer(scene: Scene, segment: Segment, shape: Shape, f: _Fitted, notes: list[str]) -> ObjectPose:
+def _answer(scene: Scene, segment: Segment, shape: Shape, f: Fitted, notes: list[str]) -> ObjectPose:
     """Raises: RefusedError where the drawn shape is not where the segment is."""
     covers = starts.overlap(shape, scene.rig.colour, f.T, segment.mask)
     if covers < LEAST_OVERLAP and not segment.on_edge:
@@ -355,9 +241,14 @@ def _answer(scene: Scene, segment: Segment, shape: Shape, f: _Fitted, notes: lis
         )
     covariance = f.solution.covariance("T_camera_object")
     covariance = covariance + fit.by_calibration(f.m, shape.normals, shape.offsets, scene.rig, f.T, size=shape.size)
+    if f.cost > POOR:
+        notes.append(
+            f"it fits worse than noise explains (mean square {f.cost:.1f} of what is expected): look at it drawn over "
+            "the picture before it is believed"
+        )
     if shape.axis is not None:
         notes.append("the turn about its axis is not seen: it is a surface of revolution")
-    if len(f.m.points) and f.raw_sigma.min() >= _MASK_SIGMA_PX:
+    if len(f.m.points) and f.raw_sigma.min() >= MASK_SIGMA_PX:
         notes.append("its edges have no contrast in the picture: the segment's outline stands for them")
     figures = {
         "overlap": covers,
@@ -366,6 +257,7 @@ def _answer(scene: Scene, segment: Segment, shape: Shape, f: _Fitted, notes: lis
         "depth_sigma_mm": 1e3 * f.m.sigma_inverse * float(f.T[2, 3]) ** 2,
         "depths": float(len(f.m.inverse)),
         "faces": float(len(np.unique(np.round(shape.normals[f.m.face], 3), axis=0))) if len(f.m.face) else 0.0,
+        "misfit": f.cost,
         "centre_u_px": float(segment.centre[0]),
         "centre_v_px": float(segment.centre[1]),
         "area_px": float(segment.area_px),

@@ -85,15 +85,17 @@ def exact_depth(camera, T_camera_table, things) -> np.ndarray:
     return cast(camera, T_camera_table, things, np.stack([u, v], -1).reshape(-1, 2))[1].reshape(height, width)
 
 
-def d435(depth, rng, *, f_b=F_B, sigma_px=0.08, shared_px=1.0, step_px=1 / 32, rim_px=2, lost=0.02) -> np.ndarray:
+def d435(
+    depth, rng, *, f_b=F_B, sigma_px=0.08, shared_px=1.0, step_px=1 / 32, rim_px=2, lost=0.02, offset_px=0.0
+) -> np.ndarray:
     """Depth as a stereo camera measures it: disparities with noise that neighbours share, in steps, with holes where it
-    jumps and a few elsewhere."""
+    jumps and a few elsewhere; offset_px: of all disparities, what the camera's own calibration leaves."""
     d = f_b / depth
     noise = rng.normal(0, 1, d.shape)
     if shared_px:
         noise = cv2.GaussianBlur(noise, (0, 0), shared_px)
         noise /= noise.std()
-    d = np.rint((d + sigma_px * noise) / step_px) * step_px
+    d = np.rint((d + offset_px + sigma_px * noise) / step_px) * step_px
     kernel = np.ones((2 * rim_px + 1,) * 2)
     jump = cv2.dilate(f_b / depth, kernel) - cv2.erode(f_b / depth, kernel) > 1.5
     z = f_b / d

@@ -22,7 +22,7 @@ from calibrant.perceive.object_pose.locate import locate
 from calibrant.perceive.object_pose.poses import ObjectPose
 from calibrant.perceive.object_pose.seen import Scene
 from calibrant.perceive.object_pose.shapes import Shape, box
-from calibrant.perceive.registered_depth.noise import DepthNoise
+from calibrant.perceive.registered_depth.noise import OFFSET_PX, DepthNoise
 from calibrant.perceive.registered_depth.register import DepthRig
 
 RED = ColourRange.parse("h:340-20 s:40-100 v:10-100")
@@ -39,7 +39,8 @@ def seen(camera: Camera, T: np.ndarray, things: list[Thing], seed: int = 0) -> t
     rng = np.random.default_rng(seed)
     image = photograph(camera, T, things, rng)
     f_b = camera.parameters["fx"] * 0.05
-    return image, d435(exact_depth(camera, T, things), rng, f_b=f_b)
+    # Every camera has an offset of its disparities of its own.
+    return image, d435(exact_depth(camera, T, things), rng, f_b=f_b, offset_px=rng.normal(0, OFFSET_PX))
 
 
 def noise_of(camera: Camera) -> DepthNoise:

@@ -73,6 +73,8 @@ def test_the_command_writes_pose_report_overlay_and_steps(files: Files, tmp_path
     names = sorted(p.name for p in steps.iterdir())
     assert len(names) == 7
     assert all(cv2.imread(str(steps / n)).shape == (240, 320, 3) for n in names)
+    # Corners are drawn over a copy: the smoothed picture has none.
+    assert not np.array_equal(cv2.imread(str(steps / names[0])), cv2.imread(str(steps / names[5])))
     assert json.loads(out.read_text())["details"]["located_object"]["name"] == "box"
 
 

@@ -61,7 +61,7 @@ def _enhanced(image: NDArray[Any]) -> NDArray[np.uint8]:
 
 def _with_corners(image: NDArray[Any], segment: Mask) -> NDArray[np.uint8]:
     """The outline's corners: where its polygon, simplified by 2 % of its length, bends."""
-    out = np.ascontiguousarray(image)
+    out = np.array(image)
     outlines, _ = cv2.findContours(segment.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     for line in outlines:
         polygon = cv2.approxPolyDP(line, 0.02 * cv2.arcLength(line, True), True)

@@ -58,7 +58,7 @@ TASKS = {
     "stereo": Entry("cameras.stereo", "Calibrate two cameras that are fixed to each other."),
     "rig": Entry("cameras.rig", "Calibrate any number of cameras that are fixed to each other."),
     "hand-eye": Entry("robots.hand_eye", "Find where the camera is, on a robot or beside it."),
-    "hand-eye-point": Entry("robots.hand_eye_point", "Find where a depth camera is, from one point that it sees."),
+    "hand-eye-point": Entry("cameras.one_point", "Find where a depth camera is, from one point that it sees."),
     "doctor": Entry("robots.doctor", "Find what is wrong with hand-eye or stereo data, and repair it."),
     "pose": Entry("cameras.pose", "Find where a target is, from photos."),
     "locate": Entry("cameras.locate", "Find where an object of known shape is, from colour and depth."),

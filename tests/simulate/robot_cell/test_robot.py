@@ -55,6 +55,17 @@ def test_without_noise_it_stands_where_it_was_sent(name: str) -> None:
     np.testing.assert_allclose(moved.pose(), world.pose("flange"), atol=1e-12)
 
 
+@pytest.mark.parametrize("name", ["panda", "ur5e"])
+def test_at_full_speed_it_still_follows(name: str) -> None:
+    moved, _ = robot(name)
+    rng = np.random.default_rng(2)
+    for _ in range(6):  # short ways too, where the limit is acceleration
+        goal = moved.home + np.where(np.arange(len(moved.home)) == 0, rng.uniform(-1, 1), 0)
+        goal += rng.uniform(-0.35, 0.35, len(moved.home)) * rng.choice([0.1, 1.0])
+        moved.move_joints(goal, speed=1.0)
+        np.testing.assert_allclose(moved.joints(), goal, atol=2e-5)
+
+
 def test_a_line_stays_on_the_line() -> None:
     moved, world = robot()
     start, off = moved.pose(), []

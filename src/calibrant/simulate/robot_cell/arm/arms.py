@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -82,7 +82,7 @@ def add_arm(world: mujoco.MjSpec, cell_arm: CellArm, true: LinkChain) -> mujoco.
     import mujoco
 
     body = world.worldbody
-    _add_link(body, true.links[0][:3, 3], cell_arm.radii[0])
+    _add_link(body, true.links[0][:3, 3], cell_arm.radii[0], _STANDS)
     for k, mover in enumerate(true.movers):
         F = true.links[k]
         body = body.add_body(name=f"arm {mover.name}", pos=F[:3, 3], quat=so3.quaternion_wxyz(F[:3, :3]), gravcomp=1.0)
@@ -105,18 +105,18 @@ def add_arm(world: mujoco.MjSpec, cell_arm: CellArm, true: LinkChain) -> mujoco.
             rgba=_JOINT,
             **(ARM_CONTACT if k else _STANDS),
         )
-        _add_link(body, true.links[k + 1][:3, 3], radius)
+        _add_link(body, true.links[k + 1][:3, 3], radius, ARM_CONTACT if k else _STANDS)
     F = true.links[-1]
     return body.add_body(name="flange", pos=F[:3, 3], quat=so3.quaternion_wxyz(F[:3, :3]), gravcomp=1.0)
 
 
-ARM_CONTACT = {"contype": 2, "conaffinity": 0, "density": 600.0}
+ARM_CONTACT: dict[str, Any] = {"contype": 2, "conaffinity": 0, "density": 600.0}
 """The arm touches the table and the things on it (their conaffinity holds bit 2), not itself."""
 _STANDS = ARM_CONTACT | {"contype": 0}
 """The first joint stands on the table."""
 
 
-def _add_link(body: mujoco.MjsBody, end: Array, radius: float) -> None:
+def _add_link(body: mujoco.MjsBody, end: Array, radius: float, contact: dict[str, Any]) -> None:
     """A capsule from a body's origin to the next joint, or nothing where both coincide."""
     import mujoco
 
@@ -127,5 +127,5 @@ def _add_link(body: mujoco.MjsBody, end: Array, radius: float) -> None:
         size=[radius, 0.0, 0.0],
         fromto=np.concatenate([np.zeros(3), end]),
         rgba=_SHELL,
-        **ARM_CONTACT,
+        **contact,
     )

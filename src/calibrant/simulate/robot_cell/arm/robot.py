@@ -24,6 +24,8 @@ from calibrant.simulate.robot_cell.world.physics import World
 
 _LOST_RAD = 0.012
 """A joint this far behind its command pushes with 100 N m, as many as the Franka arm's reflexes allow: it stops."""
+_ACCELERATION = 6.0
+"""rad/s^2 of joints, below the 7.5 to 20 that the Franka arm's interface allows: what its servos follow closely."""
 _CONTROL_STEPS = 4
 """Of physics for one of the controller: 125 Hz, as the UR5's interface has."""
 _FINGER_SPEED = 0.1
@@ -218,7 +220,9 @@ class SimulatedRobot:
         step = self._world.step_s
         keep = np.concatenate([[True], np.diff(marks) > 0])
         knots, values = marks[keep], path[keep]
-        count = max(round(1.875 * marks[-1] / step), 25)  # the minimum-jerk profile's peak is 1.875 of its mean
+        # The minimum-jerk profile: its peak speed is 1.875 of the mean, its peak acceleration 5.77 way / time^2.
+        way = float(np.abs(np.diff(path, axis=0)).sum(axis=0).max())
+        count = max(round(max(1.875 * marks[-1], np.sqrt(5.77 * way / _ACCELERATION)) / step), 25)
         s = np.arange(1, count + 1) / count
         along = marks[-1] * (10 * s**3 - 15 * s**4 + 6 * s**5)
         commands = np.column_stack([np.interp(along, knots, values[:, k]) for k in range(path.shape[1])])

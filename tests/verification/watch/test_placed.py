@@ -16,7 +16,13 @@ from calibrant.simulate.noise import noisy_poses
 from calibrant.simulate.scenes import gripper_poses, look_at_board, observe, standard_mounting
 from calibrant.targets.registry import parse_target
 from calibrant.verification.unchanged.robot_noise import RobotSide, robot_side
-from calibrant.verification.watch.placed import at_robot_poses, placed_views, standing_still, with_target_at
+from calibrant.verification.watch.placed import (
+    at_robot_poses,
+    placed_views,
+    shared_while_still,
+    standing_still,
+    with_target_at,
+)
 from calibrant.verification.watch.result import Watched, moved_in_hand, watched
 from calibrant.verification.watch.sequential import Rule, Sight, watch
 
@@ -113,3 +119,12 @@ def test_another_target_than_the_calibrations_is_learnt(known: CalibrationResult
     assert alarm is not None
     assert 13 <= alarm.since <= 15
     assert alarm.at < 24
+
+
+def test_what_corners_share_while_nothing_moves_is_one_pictures_noise() -> None:
+    T = se3.make(so3.exp([np.pi - 0.4, 0.2, 0.0]), [0.02, 0.01, 0.6])
+    seen = observe(CAMERA, TAG.points, np.stack([T, T]), sigma_px=0.1, rng=np.random.default_rng(15))
+    views = [replace(v, sigma_px=np.full(len(v), 0.1)) for v in seen.views]
+    sight = standing_still(placed_views(CAMERA, views, np.tile(T, (2, 1, 1))), T)[-1]
+    C = shared_while_still(sight)
+    assert sight.of_move @ C @ sight.of_move.T == pytest.approx(sight.covariance, rel=1e-6)

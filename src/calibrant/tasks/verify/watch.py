@@ -142,7 +142,12 @@ def _by_target(compare: Compare, request: Request, listener: Listener) -> tuple[
     check_size(compare, observations)
     session.load_solver(listener)
 
-    from calibrant.verification.watch.placed import at_robot_poses, placed_views, standing_still
+    from calibrant.verification.watch.placed import (
+        at_robot_poses,
+        placed_views,
+        shared_while_still,
+        standing_still,
+    )
     from calibrant.verification.watch.result import Watched, moved_camera, moved_in_hand, watched
     from calibrant.verification.watch.sequential import Rule, fit_since
 
@@ -169,7 +174,7 @@ def _by_target(compare: Compare, request: Request, listener: Listener) -> tuple[
         if request.poses:
             return found, moved_in_hand(found, alarm.since)
         move, C, _ = fit_since(sights, alarm.since, noise=found.last.starts[0].noise)
-        return found, moved_camera(found, move, C)
+        return found, moved_camera(found, move, C + shared_while_still(sights[-1]))
 
 
 def _then(compare: Compare) -> tuple[Array | None, Array | None]:

@@ -177,3 +177,13 @@ def standing_still(
         )
         for one in placed
     )
+
+
+def shared_while_still(sight: Sight) -> Array:
+    """Covariance (6, 6) of a camera's move that no number of pictures from one place lowers.
+
+    Corners err by the same in every picture as long as nothing moves, and otherwise after a move: taken as large as one
+    picture's noise. It hides no move, since it is constant before it; but it stays in how far that was.
+    """
+    back = np.linalg.inv(sight.of_move)
+    return np.asarray(back @ sight.covariance @ back.T)

@@ -55,6 +55,7 @@ def watch_run(options: CellOptions, seed: int, run: float) -> TaskRun:
     from calibrant.simulate.robot_cell import RobotCellSpec, sheet
     from calibrant.studies.cell_calibration import calibrate_cell_cameras
     from calibrant.targets.registry import parse_target
+    from calibrant.verification.watch.placed import shared_while_still
     from calibrant.verification.watch.sequential import Rule, Watch
 
     plain = RobotCellSpec()
@@ -71,14 +72,15 @@ def watch_run(options: CellOptions, seed: int, run: float) -> TaskRun:
             [np.deg2rad(TURN_DEG) * axis, np.zeros(3)]
         )  # fmt: skip
         cell.lay(BOARD, *BOARD_AT)
-        before = _mounted(cell, options.view)
+        before, in_hand = _mounted(cell, options.view), cell.cameras[options.view].parent == "gripper"
         views, poses = _pictures(cell, options.view, parse_target(SPEC), known, push, rng)
         moved = se3.local(np.eye(4), se3.inverse(before) @ _mounted(cell, options.view))
         freedom, sights = _sights(known, options.view, views, poses)
     state = Watch(Rule(run=run, freedom=freedom))
     for sight in sights:
         state = state.after(sight)
-    return _judged(state, moved, seed)
+    still = np.zeros((6, 6)) if in_hand else shared_while_still(sights[-1])
+    return _judged(state, moved, seed, still)
 
 
 def _mounted(cell: RobotCell, view: str) -> Array:
@@ -148,8 +150,9 @@ def _sights(known: CalibrationResult, view: str, views: list[View], poses: Array
     return side.freedom, at_robot_poses(camera, near, placed, poses)
 
 
-def _judged(state: Watch, moved: Array, seed: int) -> TaskRun:
-    """Whether the push was named in time, and how far what was said of it is from the truth."""
+def _judged(state: Watch, moved: Array, seed: int, still: Array) -> TaskRun:
+    """Whether the push was named in time, and how far what was said of it is from the truth. Args: still (6, 6), what
+    no number of pictures lowers."""
     from calibrant.verification.touch.errors import CHI2_3_95, radius_95
 
     kind = "pushed by 1 mm" if seed % 2 == 0 else "turned by 0.1 deg"
@@ -161,6 +164,7 @@ def _judged(state: Watch, moved: Array, seed: int) -> TaskRun:
     move, C = state.move, state.covariance
     if move is None or C is None:
         return TaskRun(name, True, seed=seed)
+    C = C + still
     off, S = (move - moved)[3:], C[3:, 3:]
     return TaskRun(
         name,

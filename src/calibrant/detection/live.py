@@ -139,11 +139,7 @@ def frames_from(source: str) -> Iterator[Frame]:
         for file in expand(source):
             yield Frame(file.name, load_grey(file), running=False)
         return
-    number = source.strip()
-    capture = cv2.VideoCapture(int(number) if number.isdigit() else source)
-    if not capture.isOpened():
-        kind = f"camera {number}" if number.isdigit() else f"video {source}"
-        raise InputError(f"{kind} cannot be opened; give a camera's number, a video file or a folder of pictures")
+    capture = open_capture(source)
     try:
         count = 0
         while True:
@@ -154,6 +150,16 @@ def frames_from(source: str) -> Iterator[Frame]:
             count += 1
     finally:
         capture.release()
+
+
+def open_capture(source: str) -> cv2.VideoCapture:
+    """OpenCV's capture of a camera (its number), a video file or a stream's address. Raises: InputError."""
+    number = source.strip()
+    capture = cv2.VideoCapture(int(number) if number.isdigit() else source)
+    if not capture.isOpened():
+        kind = f"camera {number}" if number.isdigit() else f"video {source}"
+        raise InputError(f"{kind} cannot be opened; give a camera's number, a video file or a folder of pictures")
+    return capture
 
 
 def _cross(a: Array, b: Array) -> float:

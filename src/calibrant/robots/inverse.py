@@ -23,6 +23,9 @@ _LENGTH = 0.3
 _LARGEST_STEP = 0.5
 """Radians a joint moves in one step: the linear model of a rotation is good to a tenth at half a radian."""
 
+_RATE_DAMPING = 1e-3
+"""Of rates: a direction in which the arm moves the flange by 1 mm/s a rad/s is gone at half the speed asked for."""
+
 
 @dataclass(frozen=True, eq=False)
 class InverseSolution:
@@ -69,3 +72,18 @@ def solve_inverse(
         step *= np.minimum(1.0, _LARGEST_STEP / np.maximum(largest, 1e-300))
         q = np.clip(q + np.where(reached[:, None], 0.0, step), chain.lower, chain.upper)
     return InverseSolution(q.reshape(*batch, start.shape[-1]), reached.reshape(batch))
+
+
+def joint_rates(chain: KinematicChain, q: ArrayLike, twist: ArrayLike, speeds: ArrayLike) -> Array:
+    """Joint velocities (n,) that move the flange with a twist, slowed down as a whole to the joints' speeds (n,).
+
+        q' = J^T (J J^T + mu^2 I)^-1 twist
+
+    Args: q (n,) where the arm is; twist (6,): rotation, then translation, along the base's axes, of the flange's
+    origin, rad/s and m/s. Near a singular arm the motion is slow instead of wild.
+    Raises: InputError for joints of a wrong number.
+    Source: Nakamura and Hanafusa 1986.
+    """
+    J = chain.jacobian(chain.check(q))
+    rates = J.T @ np.linalg.solve(J @ J.T + _RATE_DAMPING**2 * np.eye(6), np.asarray(twist, dtype=np.float64))
+    return np.asarray(rates / max(1.0, float(np.max(np.abs(rates) / np.asarray(speeds, dtype=np.float64)))))

@@ -15,10 +15,10 @@ from calibrant.cameras import Camera
 from calibrant.cli.application import run
 from calibrant.data import CalibrationResult, as_transform
 from calibrant.data.details import LocatedObject
+from calibrant.detection.images.depth_files import read_depth
 from calibrant.errors import InputError, RefusedError
 from calibrant.geometry import se3, so3
 from calibrant.perceive.object_pose.poses import of_result
-from calibrant.perceive.registered_depth.files import read_depth
 
 RED = "h:340-20 s:40-100 v:10-100"
 SIDES = np.array([0.054, 0.037, 0.005])

@@ -136,3 +136,16 @@ def to_grey8(image: NDArray) -> NDArray[np.uint8]:
         return np.zeros(image.shape, np.uint8)
     full = 2.0 ** np.ceil(np.log2(brightest + 1.0)) if np.issubdtype(image.dtype, np.integer) else brightest * 256 / 255
     return np.clip(np.rint(values * (256.0 / full)), 0, 255).astype(np.uint8)
+
+
+def to_bgr8(image: NDArray[Any]) -> NDArray[np.uint8]:
+    """(h, w, 3) of uint8 from (h, w) or (h, w, 3 or 4) of any depth; grey is grey in all three.
+
+    Colours of more than 8 bits are divided by the power of two that fits the brightest of all into 8.
+    """
+    if image.ndim == 2:
+        return np.asarray(cv2.cvtColor(to_grey8(image), cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    colour = np.ascontiguousarray(image[..., :3])
+    if colour.dtype == np.uint8:
+        return colour
+    return to_grey8(colour.reshape(len(colour), -1)).reshape(colour.shape)

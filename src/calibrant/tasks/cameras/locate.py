@@ -84,11 +84,11 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     if request.object is None:
         raise InputError("what is looked for? --object box:54x37x5mm, cube:40mm or mesh:part.stl")
     from calibrant.data.verdicts import refuse_if_failed
+    from calibrant.detection.images.depth_files import read_depth
     from calibrant.detection.images.images import load_image
     from calibrant.perceive.object_pose.locate import locate
     from calibrant.perceive.object_pose.seen import Scene
     from calibrant.perceive.object_pose.shapes import parse_shape
-    from calibrant.perceive.registered_depth.files import read_depth
 
     shape, words = parse_shape(request.object)
     image = _colour_picture(load_image(files[0]), files[0])

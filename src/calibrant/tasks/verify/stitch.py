@@ -108,7 +108,7 @@ def _pairs(request: Request) -> tuple[Pair, ...]:
     import numpy as np
 
     from calibrant.data.result_file import read_result
-    from calibrant.perceive.registered_depth.files import read_depth
+    from calibrant.detection.images.depth_files import read_depth
     from calibrant.perceive.registered_depth.planes import rays_of
     from calibrant.verification.stitch.clouds import all_pairs, cloud_of
     from calibrant.verification.unchanged.robot_noise import robot_side

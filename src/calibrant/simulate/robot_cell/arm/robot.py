@@ -15,9 +15,10 @@ from calibrant.data import GripperState, RobotLimits
 from calibrant.errors import DeviceError, InputError, RefusedError
 from calibrant.geometry import se3
 from calibrant.robots.links import LinkChain
+from calibrant.robots.paths import joint_path, line_path, nearest_joints
 from calibrant.simulate.robot_cell.arm.arms import CellArm
 from calibrant.simulate.robot_cell.arm.gripper import FINGERS, STROKE_M, TOOL_GEOMS, tip_end_m
-from calibrant.simulate.robot_cell.arm.paths import Workspace, joint_path, line_path, nearest_joints
+from calibrant.simulate.robot_cell.arm.paths import Workspace
 from calibrant.simulate.robot_cell.arm.servos import servo_lag_s
 from calibrant.simulate.robot_cell.parts.noise import RobotNoise
 from calibrant.simulate.robot_cell.world.physics import World
@@ -147,6 +148,8 @@ class SimulatedRobot:
         return GripperState(width, width > width_m + _HOLD_M)
 
     def wait(self, seconds: float) -> None:
+        if self._twist is not None:
+            self.stop()
         self._world.wait(seconds)
 
     def stop(self) -> None:

@@ -133,15 +133,15 @@ def _depth_files(request: Request) -> list[Path]:
     """The depth pictures. Raises: InputError for one that is not there."""
     if not request.depth:
         return []
-    from calibrant.perceive.registered_depth.files import depth_files
+    from calibrant.detection.images.depth_files import depth_files
 
     return depth_files(request.depth)
 
 
 def _with_depth(request: Request, result: CalibrationResult, depths: dict[str, Path]) -> CalibrationResult:
     """The poses with the depths of their photos. Args: depths by the photo's file."""
+    from calibrant.detection.images.depth_files import read_depth
     from calibrant.perceive.board_depth.poses import with_depth
-    from calibrant.perceive.registered_depth.files import read_depth
 
     if result.observations is None:
         raise InputError("--depth goes with photos")

@@ -50,8 +50,8 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     """The scale. Raises: InputError, RefusedError as the parts do."""
     from calibrant.calibrate.pose.estimate import estimate_poses
     from calibrant.data.verdicts import refuse_if_failed
+    from calibrant.detection.images.depth_files import read_depth
     from calibrant.perceive.board_depth.board import depth_scale
-    from calibrant.perceive.registered_depth.files import read_depth
 
     depths, tolerance = _depth_files(request), _percent(request.tolerance)
     source = _source(request, listener)

@@ -104,7 +104,7 @@ class RobotCell:
         return self._source(name)
 
     def push(self, camera: str, xi: ArrayLike) -> None:
-        """Knock a camera: T_parent_camera exp(xi), xi (6,) rotation and translation along its own axes, rad and m."""
+        """Knock a camera by xi (6,), rotation and translation along its parent's axes (`se3.retract`), rad and m."""
         source = self._source(camera)
         source.T_parent_camera = se3.retract(source.T_parent_camera, np.asarray(xi, dtype=np.float64))
 

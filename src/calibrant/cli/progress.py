@@ -44,6 +44,12 @@ class TerminalListener(Listener):
     def note(self, text: str) -> None:
         tell(text)
 
+    def ask(self, question: str) -> bool:
+        if not sys.stdin.isatty():
+            return False
+        tell(f"{question}? [y/N]")
+        return sys.stdin.readline().strip().lower() in ("y", "yes")
+
 
 class LinesListener(Listener):
     """Plain lines: what takes longer than half a second is said, and a count every few seconds."""

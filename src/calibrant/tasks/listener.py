@@ -30,5 +30,9 @@ class Listener:
     def note(self, text: str) -> None:
         """A sentence that a person should read now."""
 
+    def ask(self, question: str) -> bool:
+        """Whether a person says yes; where nobody can be asked, no. The question has no mark at its end."""
+        return False
+
 
 SILENT = Listener()

@@ -23,8 +23,9 @@ def demo(
 ) -> CalibrationResult: ...
 def capture(
     *,
-    camera: str,
     target: str,
+    camera: str | None = None,
+    camera_device: str | None = None,
     to: str | Path | None = None,
     until: str = "1px",
     model: str = "brown",
@@ -513,6 +514,7 @@ def dynamic(
     target_stands: str = "still",
     sigma_px: str | None = None,
     live: bool = False,
+    camera_device: str | None = None,
     wanted: str | Path | None = None,
     pictures: int = 0,
     cell: bool = False,
@@ -917,7 +919,11 @@ def servo_teach(
     turn: str = "0deg",
 ) -> CalibrationResult: ...
 def servo_run(
+    target_file: str | Path | None = None,
     *,
+    camera_device: str | None = None,
+    robot_device: str | None = None,
+    yes: bool = False,
     cell: bool = False,
     control: str = "image",
     seeds: int = 1,

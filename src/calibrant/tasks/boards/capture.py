@@ -12,6 +12,7 @@ from calibrant.cancel import answered, checkpoint
 from calibrant.errors import InputError, RefusedError
 from calibrant.tasks.listener import SILENT, Listener
 from calibrant.tasks.options.choices import MODELS
+from calibrant.tasks.options.devices import CameraDeviceOptions
 from calibrant.tasks.options.option import Option
 from calibrant.tasks.options.words import pixels
 from calibrant.tasks.outcome import Document, Outcome
@@ -50,10 +51,11 @@ class Request:
     Ctrl-C ends the taking, and what was taken is calibrated.
     """
 
-    camera: Annotated[str, Option("N")]
-    """The camera's number; or a video file or folder that plays it."""
     target: Annotated[str, Option("SPEC", "-t")]
     """The board."""
+    camera: Annotated[str | None, Option("N")] = None
+    """The camera's number; or a video file or folder that plays it."""
+    device: CameraDeviceOptions = CameraDeviceOptions()
     to: Annotated[Path | None, Option("DIR", output="folder")] = None
     """Keep the pictures taken in this new folder."""
     until: Annotated[str, Option("SIGMA")] = "1px"
@@ -78,7 +80,7 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
 
     Raises: InputError for a camera, board or folder that cannot be used.
     """
-    from calibrant.detection.live import Session, frames_from
+    from calibrant.detection.live import Session
     from calibrant.targets.registry import parse_target
 
     goal_px = pixels(request.until, option="--until") or 1.0
@@ -88,7 +90,7 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     taken = _Taken()
     state = start = Session(board)
     try:
-        for state in _looked(frames_from(request.camera), start, taken, request):
+        for state in _looked(_frames(request, listener), start, taken, request):
             taken.result = _so_far(taken, request)
             worst = None if taken.result is None else _worst_sigma_px(taken.result)
             wanting = "" if taken.result is None else _wanting(taken.result)
@@ -105,6 +107,15 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
         refused.result = error.result
         return Outcome(documents=tuple(taken.pictures), refusal=refused)
     return Outcome(result=result, documents=tuple(taken.pictures))
+
+
+def _frames(request: Request, listener: Listener) -> Iterator[Frame]:
+    """Of the camera that was named in one of both ways. Raises: InputError for none or both."""
+    from calibrant.detection.live import frames_from
+
+    if (request.camera is None) == (request.device.camera_device is None):
+        raise InputError("name the camera: --camera 0, or --camera-device SPEC, one of both")
+    return frames_from(request.camera) if request.camera is not None else request.device.frames(listener)
 
 
 def _looked(frames: Iterable[Frame], state: Session, taken: _Taken, request: Request) -> Iterator[Session]:

@@ -44,8 +44,8 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
         from calibrant.tasks.robots.dynamic_live import live
 
         return live(request, listener)
-    if request.cell or request.wanted is not None or request.pictures:
-        raise InputError("--cell, --wanted and --pictures go with --live")
+    if request.cell or request.wanted is not None or request.pictures or request.device.camera_device is not None:
+        raise InputError("--cell, --wanted, --pictures and --camera-device go with --live")
     wrist, noise = wrist_of(needed(request).wrist)
     raw = request.form.read(request.poses, request.arm)
     near = boards(request, request.wrist_images, "wrist", listener)

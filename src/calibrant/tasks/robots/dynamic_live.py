@@ -34,8 +34,12 @@ def live(request: Request, listener: Listener) -> Outcome:
     from calibrant.tasks.robots import dynamic_views as views_of
     from calibrant.tasks.robots.dynamic_request import needed
 
-    if len(request.external_images) != 1:
-        raise InputError("--live takes one external camera: its number, a video, or a folder (--external-images 0)")
+    device = request.device
+    if device.camera_device is None and len(request.external_images) != 1:
+        raise InputError(
+            "--live takes one external camera: its number, a video, or a folder (--external-images 0), or "
+            "--camera-device"
+        )
     given = needed(request)
     wrist, noise = views_of.wrist_of(given.wrist)
     external = read_camera(given.camera)
@@ -53,7 +57,7 @@ def live(request: Request, listener: Listener) -> Outcome:
         raw, attempt, lambda t: t.known.solution.cost if t.known.solution else float("inf"),
         fits=lambda t: t.off < views_of.NO_FIT, what=views_of.DO_NOT_FIT,
     )  # fmt: skip
-    frames = frames_from(request.external_images[0])
+    frames = frames_from(request.external_images[0]) if device.camera_device is None else device.frames(listener)
     board = parse_target(given.target)
     known, seen = _followed(frames, chosen.outcome.known, board, _wanted(request), request.pictures, listener)
     if known.new_place:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from calibrant.errors import InputError
+from calibrant.tasks.options.devices import CameraDeviceOptions
 from calibrant.tasks.options.option import Option
 from calibrant.tasks.options.poses import PoseOptions
 from calibrant.tasks.options.robots import RobotOptions
@@ -51,6 +52,7 @@ class Request:
     """Noise of the external camera's corners; what its own views leave unless given."""
     live: bool = False
     """Say place and sigma after every picture of the running external camera, while it is moved; Ctrl-C ends it."""
+    device: CameraDeviceOptions = CameraDeviceOptions()
     wanted: Annotated[Path | None, Option("FILE")] = None
     """With --live: a result with base -> external, the place that the camera is led to, in words."""
     pictures: Annotated[int, Option("N")] = 0
@@ -76,7 +78,8 @@ def needed(request: Request) -> Needed:
     """Raises: InputError naming the first option that is missing."""
     given = {
         "--wrist": request.wrist, "--camera": request.camera, "--wrist-images": request.wrist_images,
-        "--external-images": request.external_images, "--poses": request.poses,
+        "--external-images": request.external_images or (request.live and request.device.camera_device),
+        "--poses": request.poses,
     }  # fmt: skip
     missing = [option for option, value in given.items() if not value]
     if missing:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from calibrant.errors import InputError, RefusedError
 from calibrant.tasks.listener import SILENT, Listener
+from calibrant.tasks.options.devices import DeviceOptions
 from calibrant.tasks.options.option import Option
 from calibrant.tasks.outcome import Answer, Document, Outcome
 from calibrant.tasks.servo.teach import degrees
@@ -29,14 +30,18 @@ MOST_SEEDS = 10_000
 class Request:
     """Lead the arm to the taught pose by what the camera sees; or try it in simulated cells.
 
+    calibrant servo run target.json --robot-device ur:192.168.0.10 --camera-device realsense
     calibrant servo run --cell --seeds 20 --control image --json
     calibrant servo run --cell --seeds 5 --starts 4 --focal-error 10% --hand-eye-error 5deg --plot runs.png
 
     image: by points of the picture; position: by the target's pose; hybrid: 2 1/2-D; planar: x, y and the turn about
-    the approach axis. Exit status 1 where a run did not arrive. A robot that is real is led from Python, by
-    cb.servoing.
+    the approach axis. Exit status 1 where a run did not arrive. A robot that could hit something moves when it was
+    asked for, or with --yes.
     """
 
+    target_file: Annotated[Path | None, Option("TARGET.json", positional=True)] = None
+    """What `servo teach` wrote; with --robot-device and --camera-device."""
+    devices: DeviceOptions = DeviceOptions()
     cell: bool = False
     """Try it in simulated cells: their wrist cameras are calibrated from pictures, a pose is taught, then run to."""
     control: Annotated[str, Option("NAME", choices=CONTROLS)] = "image"
@@ -67,15 +72,20 @@ class Request:
     """Draw what remains over time, the gain and the speed."""
 
 
+def reads(request: Request) -> list[str | Path]:
+    """The target file."""
+    return [] if request.target_file is None else [request.target_file]
+
+
 def run(request: Request, listener: Listener = SILENT) -> Outcome:
-    """The runs, as a table. Raises: InputError; MissingExtraError without the extra sim."""
-    if not request.cell:
-        raise InputError(
-            "servo run tries control in simulated cells: give --cell. A real robot is led from Python: see "
-            "docs/servoing.md, which shows the ten lines it takes"
-        )
+    """The runs in cells as a table; the run of a robot as a result. Raises: InputError; MissingExtraError without the
+    extra sim; as `run_on_devices`."""
     if request.control not in CONTROLS:
         raise InputError(f"--control {request.control}: choose {', '.join(CONTROLS)}")
+    if not request.cell:
+        from calibrant.tasks.servo.on_devices import run_on_devices
+
+        return run_on_devices(request, options_of(request), listener)
     for option, count in (("--seeds", request.seeds), ("--starts", request.starts)):
         if not 1 <= count <= MOST_SEEDS:
             raise InputError(f"{option} {count}: 1 to {MOST_SEEDS}")

@@ -45,7 +45,7 @@ def test_the_camera_is_where_it_is_whatever_the_order_of_rows(tmp_path: Path) ->
 
 def test_points_of_a_camera_on_the_gripper_are_not_those_of_one_beside_it(tmp_path: Path) -> None:
     poses, points = _files(tmp_path)
-    with pytest.raises(RefusedError, match="no reading"):
+    with pytest.raises(RefusedError, match=r"no reading|belong together|agree on one point"):
         cb.hand_eye_point(poses=[poses], points=points, setup="eye-in-hand")
     with pytest.raises(InputError, match="eye-to-hand or eye-in-hand"):
         cb.hand_eye_point(poses=[poses], points=points, setup="front")
@@ -53,22 +53,33 @@ def test_points_of_a_camera_on_the_gripper_are_not_those_of_one_beside_it(tmp_pa
 
 def test_an_arm_that_never_turned_is_refused(tmp_path: Path) -> None:
     poses, points = _files(tmp_path, turn=0.0)
-    with pytest.raises(RefusedError, match="never turned"):
+    with pytest.raises(RefusedError, match="same orientation"):
         cb.hand_eye_point(poses=[poses], points=points)
 
 
 def test_millimetres_and_points_behind_the_camera_are_named(tmp_path: Path) -> None:
     poses, points = _files(tmp_path)
     table = np.loadtxt(points, delimiter=",", skiprows=1)
-    for factor, says in ((1e3, "millimetres"), (-1.0, "behind the camera")):
+    for factor, says in ((1e3, "millimetres"), (-1.0, "z > 0")):
         rows = [f"{int(n):02d},{x},{y},{z}" for n, x, y, z in table * [1, factor, factor, factor]]
         points.write_text("\n".join(["image,x,y,z", *rows]) + "\n")
         with pytest.raises(InputError, match=says):
             cb.hand_eye_point(poses=[poses], points=points)
 
 
-def test_noise_beyond_the_cameras_widens_sigma_and_is_told(tmp_path: Path) -> None:
-    poses, points = _files(tmp_path, noise=8e-3)
+def test_a_slipped_point_is_set_aside_and_the_scale_found(tmp_path: Path) -> None:
+    poses, points = _files(tmp_path)
+    table = np.loadtxt(points, delimiter=",", skiprows=1)
+    table[:, 1:] *= 1.03
+    table[4, 1:] += [0.05, 0.0, -0.1]
+    rows = [f"{int(n):02d},{x},{y},{z}" for n, x, y, z in table]
+    points.write_text("\n".join(["image,x,y,z", *rows]) + "\n")
     result = cb.hand_eye_point(poses=[poses], points=points)
-    assert result.check("noise").status == "warn"
-    assert result.verdict == "warn"
+    lost = [v.id for v in result.views if not v.used]
+    # A good pose may go with it: it does once in some twenty-five calibrations.
+    assert f"{int(table[4, 0]):02d}" in lost
+    assert len(lost) <= 2
+    assert result.check("outliers").status == "warn"
+    scale = result.figures["depth_scale"]
+    assert scale.value == pytest.approx(3.0, abs=4 * scale.sigma)
+    assert result.check("scale").status == "warn"

@@ -10,8 +10,8 @@ share. Three equations a pose, 9 or 10 unknowns; not determined are
 - how the camera is turned about a line that all measured points lie on.
 
 A depth camera's noise along its sight is another than across it: s_a z^2 and s_l z, both levels estimated from what the
-poses leave, unless each point comes with its covariance. A pose is set aside when noise alone leaves it so far off once
-in a hundred calibrations.
+poses leave, unless each point comes with its covariance. A pose is set aside when noise alone hardly leaves it so
+far off (`ODD`).
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ LEAST_POSES = 6
 OUTLIERS_FROM = 9
 """Poses from which some may be set aside: a sample of six, and three that judge it."""
 ODD = 0.01
-"""Chance, all poses counted, below which a pose is set aside: once in a hundred good calibrations."""
+"""Chance, all poses counted, below which a pose is set aside. The noise is that of the poses kept, so that it happens
+oftener: of 120 good calibrations of 15 poses each, 5 lost a pose."""
 WEAK = 1e-3
 """Turns below 0.1 degrees are nobody's intention (`calibrate.tool.tip`)."""
 LINEAR = 0.2

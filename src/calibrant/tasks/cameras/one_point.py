@@ -15,10 +15,7 @@ from calibrant.tasks.options.robots import RobotOptions
 from calibrant.tasks.outcome import Outcome
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from calibrant.calibrate.one_point.hand_eye import OnePointHandEye
+    from calibrant.calibrate.one_point.solve import OnePoint, Setup
     from calibrant.data import CalibrationResult, Check
     from calibrant.formats.poses.read import PoseNotation
 
@@ -28,20 +25,20 @@ NO_PLACE = (
     "no reading of the poses puts the camera where the points are; do poses and points belong to one session, and is "
     "the setup right?"
 )
-NOT_A_POINT = 10.0
-"""Times the stated noise: residuals of poses or points of another session."""
-_LATERAL_PX, _FOCAL_PX = 0.5, 600.0
-"""Of a found point in the picture, and a usual focal length at 640 pixels: 0.4 mm at half a metre."""
+NOT_A_POINT = 0.05
+"""Of the distance: no depth camera errs by a twentieth of it, poses or points of another session do."""
+LARGE = 0.02
+"""What makers of stereo depth cameras state at most."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """Find where a camera is, from one point that a depth camera sees at four poses or more.
+    """Find where a camera is, from one point that a depth camera sees at six poses or more.
 
     calibrant hand-eye-point --poses poses.csv --points points.csv --setup eye-to-hand
 
     Camera beside the robot: a point of the gripper. Camera on the gripper: a point that stands still. Turn the gripper
-    about two axes, and move the point through space.
+    about two axes, and move the point through space. Noise and scale of the depth are found, too.
     """
 
     poses: Annotated[tuple[str, ...], Option("FILES")]
@@ -50,8 +47,8 @@ class Request:
     """Where the camera sees the point at each pose: columns image, x, y, z in metres, camera's frame."""
     setup: Annotated[str, Option("NAME", choices=SETUPS)] = "eye-to-hand"
     """eye-to-hand: the camera stands beside the robot; eye-in-hand: it is on the gripper."""
-    baseline: Annotated[str, Option("LENGTH")] = "50mm"
-    """Of the depth camera, by which its noise grows with distance: D435 50mm, D455 95mm."""
+    sigma_scale: Annotated[str, Option("PERCENT")] = "2%"
+    """1 sigma of a factor that all depths share, before the robot's motion tells it; 0% where it is exact."""
     arm: RobotOptions = RobotOptions()
     form: TouchPoseOptions = TouchPoseOptions()
 
@@ -62,8 +59,11 @@ def reads(request: Request) -> list[str | Path]:
 
 
 def run(request: Request, listener: Listener = SILENT) -> Outcome:
-    """The camera's place. Raises: InputError; RefusedError as `hand_eye_of_point`."""
-    from calibrant.calibrate.one_point.hand_eye import hand_eye_of_point
+    """The camera's place. Raises: InputError; RefusedError as `calibrate_one_point`."""
+    import numpy as np
+
+    from calibrant.calibrate.one_point.solve import calibrate_one_point
+    from calibrant.data import RobotPoses
     from calibrant.data.verdicts import refuse_if_failed
     from calibrant.formats.poses.pairing import match_by_order, match_raw
     from calibrant.tasks.inputs.columns import read_columns
@@ -76,80 +76,90 @@ def run(request: Request, listener: Listener = SILENT) -> Outcome:
     raw = request.form.read(request.poses, request.arm)
     pairing = match_by_order(len(raw), names) if table.names is None else match_raw(raw, names)
     points = table.values[list(pairing.view_index)]
-    spread = _noise(points, request.baseline)
+    if np.median(points[:, 2]) > 100:
+        raise InputError(f"the points are {np.median(points[:, 2]):g} m away; are they millimetres? Expected metres")
+    far, share = float(np.median(np.linalg.norm(points, axis=1))), _percent(request.sigma_scale)
     session.load_pose_solver(listener)
 
-    def attempt(reading: PoseNotation) -> OnePointHandEye:
+    def attempt(reading: PoseNotation) -> OnePoint:
         paired = reading.take(list(pairing.pose_index), [names[v] for v in pairing.view_index])
-        return hand_eye_of_point(paired.T_base_gripper, points, setup=request.setup, covariances=spread)
+        setup: Setup = "eye-to-hand" if request.setup == "eye-to-hand" else "eye-in-hand"
+        return calibrate_one_point(
+            RobotPoses(paired.ids, paired.T_base_gripper), points, setup=setup, scale_sigma=share
+        )
 
-    chosen = best_reading(
-        raw, attempt, lambda found: found.noise_ratio, fits=lambda f: f.noise_ratio < NOT_A_POINT, what=NO_PLACE
-    )
-    paired_names = [names[v] for v in pairing.view_index]
-    result = _result(request, chosen.outcome, chosen.reading, paired_names)
+    with listener.status("Finding the camera …"):
+        chosen = best_reading(
+            raw, attempt, lambda f: f.rms_mm, fits=lambda f: f.rms_mm < 1e3 * NOT_A_POINT * far, what=NO_PLACE
+        )
+    result = _result(request, chosen.outcome, chosen.reading)
     refuse_if_failed(result)
     return Outcome(result=result)
 
 
-def _noise(points: NDArray[np.float64], baseline: str) -> NDArray[np.float64]:
-    """Covariances (n, 3, 3) of the points: depth's noise along the ray, half a pixel across it."""
+def _percent(text: str) -> float:
+    try:
+        value = float(text.strip().removesuffix("%")) / 100
+    except ValueError:
+        value = -1.0
+    if not text.strip().endswith("%") or not 0 <= value < 1:
+        raise InputError(f"--sigma-scale takes per cent, such as 0.5%; got {text!r}")
+    return value
+
+
+def _result(request: Request, found: OnePoint, reading: PoseNotation) -> CalibrationResult:
     import numpy as np
 
-    from calibrant.perceive.registered_depth.noise import DepthNoise
-    from calibrant.targets.lengths import parse_length
-
-    z = points[:, 2]
-    if np.any(z <= 0):
-        behind = f"point {int(np.argmin(z))} is behind the camera (z = {z.min():g} m)"
-        raise InputError(f"{behind}; expected x right, y down, z forward, in metres")
-    if np.median(z) > 100:
-        raise InputError(f"the points are {np.median(z):g} m away; are they millimetres? Expected metres")
-    noise = DepthNoise.stereo(focal_px=_FOCAL_PX, baseline_m=parse_length(baseline, what="--baseline"))
-    along = np.hypot(noise.sigma_z(z), noise.offset_sigma * z * z)
-    ray = points / z[:, None]
-    across = (_LATERAL_PX * z / _FOCAL_PX) ** 2
-    return across[:, None, None] * np.eye(3) + (along**2)[:, None, None] * ray[:, :, None] * ray[:, None, :]
-
-
-def _result(request: Request, found: OnePointHandEye, reading: PoseNotation, names: list[str]) -> CalibrationResult:
-    import numpy as np
-
-    from calibrant.calibrate.one_point.hand_eye import widened
-    from calibrant.data import CalibrationResult, Measured, TransformEstimate, ViewResult
+    from calibrant.data import CalibrationResult, Measured, ViewResult
     from calibrant.data.results import verdict_of
     from calibrant.data.verdicts import stamp
 
     checks = _checks(found)
-    final = widened(found)
-    parent, other = ("base", "gripper") if request.setup == "eye-to-hand" else ("gripper", "base")
+    other = "gripper" if request.setup == "eye-to-hand" else "base"
     off = 1e3 * np.linalg.norm(found.residuals, axis=1)
-    sigma = 1e3 * np.sqrt(np.diag(final.point_covariance))
     figures = {
         f"point_{axis}_in_{other}": Measured(1e3 * float(v), float(s), "mm")
-        for axis, v, s in zip("xyz", final.point, sigma)
+        for axis, v, s in zip("xyz", found.point, found.point_sigma_mm)
     }
+    figures["depth_scale"] = Measured(100 * found.scale, 100 * found.scale_sigma, "%")
+    figures["rms_mm"] = Measured(found.rms_mm, unit="mm")
     return stamp(
         CalibrationResult(
             "hand-eye-point",
             verdict_of(checks),
             checks=checks,
-            transforms=(TransformEstimate(parent, "camera", final.T, final.covariance),),
-            views=tuple(ViewResult(n, True, 1, reason=f"{o:.2f} mm off") for n, o in zip(names, off.tolist())),
-            figures={**figures, "rms_mm": Measured(float(np.sqrt(np.mean(off**2))), unit="mm")},
+            transforms=(found.transform,),
+            views=tuple(
+                ViewResult(n, bool(u), 1, reason=f"{o:.2f} mm off" + ("" if u else ", at odds with the others"))
+                for n, o, u in zip(found.ids, off.tolist(), found.used)
+            ),
+            figures=figures,
             decided={"poses": reading.description},
-            options={"setup": request.setup, "baseline": request.baseline},
+            options={"setup": request.setup, "sigma_scale": request.sigma_scale},
             inputs=session.file_records(reads(request)),
         )
     )
 
 
-def _checks(found: OnePointHandEye) -> tuple[Check, ...]:
-    from calibrant.calibrate.one_point.hand_eye import SURPRISING
+def _checks(found: OnePoint) -> tuple[Check, ...]:
     from calibrant.data import Check
 
-    ratio = found.noise_ratio
-    if found.chance < SURPRISING:
-        words = f"the points are {ratio:.1f} times as noisy as this depth camera makes them; sigmas are widened by that"
-        return (Check("noise", "warn", words, ratio),)
-    return (Check("noise", "ok", f"the points scatter as stated ({ratio:.2f} of it)", ratio),)
+    text = f"the poses agree on the point to {found.rms_mm:.2g} mm rms"
+    if found.sigma_along is not None and found.sigma_across is not None:
+        text += (
+            f"; at 1 m a point scatters by {1e3 * found.sigma_along:.2g} mm along the sight and "
+            f"{1e3 * found.sigma_across:.2g} mm across it (1 sigma, robot included)"
+        )
+    out = [Check("noise", "ok", text, found.rms_mm)]
+    lost = [name for name, used in zip(found.ids, found.used) if not used]
+    if lost:
+        words = (
+            f"{len(lost)} of {len(found.ids)} poses are at odds with the others and set aside: {', '.join(lost[:5])}"
+        )
+        out.append(Check("outliers", "warn", words, float(len(lost))))
+    long = "long" if found.scale > 0 else "short"
+    words = f"depths are {100 * abs(found.scale):.2f} ± {100 * found.scale_sigma:.2f} % (1 sigma) too {long}"
+    if found.scale_sigma > 0:
+        off = abs(found.scale) > max(3 * found.scale_sigma, LARGE)
+        out.append(Check("scale", "warn" if off else "ok", words + ("; the robot's motion says so" * off), found.scale))
+    return tuple(out)

@@ -35,8 +35,8 @@ class Request:
     depth: Annotated[tuple[str, ...], Option("FILES")] = ()
     """Depth of each photo: 16-bit PNG in millimetres, or .npy in metres."""
     cameras: DepthRigOptions = DepthRigOptions()
-    tolerance: Annotated[str | None, Option("PERCENT")] = None
-    """Fail where the scale is off by more than this, 95 % sure: 1%."""
+    tolerance: Annotated[str, Option("PERCENT")] = "2%"
+    """Fail where the scale is off by more than this, 95 % sure; by default what makers state."""
     search: SearchOptions = SearchOptions()
 
 
@@ -80,19 +80,14 @@ def _source(request: Request, listener: Listener) -> Source:
 
 
 def _depth_files(request: Request) -> list[Path]:
-    from calibrant.detection.images.files import expand
+    from calibrant.detection.images.depth_files import depth_files
 
     if not request.depth:
         raise InputError("nothing to compare with: --depth depth/*.png, a depth picture for each photo")
-    arrays = [Path(d) for d in request.depth if d.lower().endswith(".npy")]
-    if len(arrays) == len(request.depth):
-        return arrays
-    return [Path(f) for f in expand(list(request.depth))]
+    return depth_files(request.depth)
 
 
-def _percent(text: str | None) -> float | None:
-    if text is None:
-        return None
+def _percent(text: str) -> float:
     try:
         value = float(text.strip().removesuffix("%")) / 100
     except ValueError:
@@ -103,7 +98,7 @@ def _percent(text: str | None) -> float | None:
 
 
 def _result(
-    request: Request, found: Observations, scale: DepthScale, tolerance: float | None, files: list[Path]
+    request: Request, found: Observations, scale: DepthScale, tolerance: float, files: list[Path]
 ) -> CalibrationResult:
     from calibrant.data import CalibrationResult, Measured, ViewResult
     from calibrant.data.results import verdict_of
@@ -121,26 +116,25 @@ def _result(
         checks=checks,
         views=views,
         figures={"scale": Measured(scale.scale, scale.sigma), "spread": Measured(scale.spread)},
-        options={"tolerance": request.tolerance} if request.tolerance else {},
+        options={"tolerance": request.tolerance},
         inputs=session.file_records(files),
         observations=found,
     )
     return stamp(replace(session.with_misses(result)))
 
 
-def _checks(scale: DepthScale, tolerance: float | None) -> tuple[Check, ...]:
+def _checks(scale: DepthScale, tolerance: float) -> tuple[Check, ...]:
     from calibrant.data import Check
 
     long = "long" if scale.scale > 0 else "short"
     said = f"depths are {100 * abs(scale.scale):.2f} ± {100 * scale.sigma:.2f} % (1σ) too {long}"
     far = abs(scale.scale) > _SIGMAS * scale.sigma
     out = [Check("scale", "warn" if far else "ok", said if far else f"{said}: not more than chance", scale.scale)]
-    if tolerance is not None:
-        missed = abs(scale.scale) > tolerance + _ONE_SIDED * scale.sigma
-        unsure = not missed and abs(scale.scale) + _ONE_SIDED * scale.sigma > tolerance
-        status = "fail" if missed else "warn" if unsure else "ok"
-        words = {"fail": "missed", "warn": "not shown: more boards would tell", "ok": "kept, 95 % sure"}[status]
-        out.append(Check("tolerance", status, f"{100 * tolerance:g} %: {words} ({said})", scale.scale))  # type: ignore[arg-type]
+    missed = abs(scale.scale) > tolerance + _ONE_SIDED * scale.sigma
+    unsure = not missed and abs(scale.scale) + _ONE_SIDED * scale.sigma > tolerance
+    status = "fail" if missed else "warn" if unsure else "ok"
+    words = {"fail": "missed", "warn": "not shown: more boards would tell", "ok": "kept, 95 % sure"}[status]
+    out.append(Check("tolerance", status, f"{100 * tolerance:g} %: {words} ({said})", scale.scale))  # type: ignore[arg-type]
     return tuple(out)
 
 

@@ -21,6 +21,8 @@ def test_devices_and_target_go_together(tmp_path: Path) -> None:
         cb.servo_run()
     with pytest.raises(InputError, match="robot_device and camera_device"):
         cb.servo_run(robot_device="cell", camera_device="cell")
+    with pytest.raises(InputError, match="simulated cells"):
+        cb.servo_run(tmp_path / "target.json", robot_device="cell", camera_device="cell", focal_error="5%")
 
 
 @pytest.mark.long

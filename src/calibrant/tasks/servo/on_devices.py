@@ -40,6 +40,8 @@ def run_on_devices(request: Request, options: ServoOptions, listener: Listener) 
             "give the target file of `calibrant servo teach`, --robot-device and --camera-device, or --cell for "
             "simulated cells"
         )
+    if (request.depth, request.focal_error, request.hand_eye_error) != ("estimated", "0%", "0deg"):
+        raise InputError("--depth, --focal-error and --hand-eye-error try control in simulated cells: give --cell")
     taught = read_result(request.target_file)
     record, name = taught_in(taught), camera_name(taught, None)
     camera, target, mounting = taught.cameras[name], parse_target(record.target), Mounting.of(taught, name)

@@ -86,6 +86,19 @@ def test_a_scale_of_the_depth_stands_out() -> None:
     assert len(found.views) == 2
 
 
+def test_an_offset_is_told_from_a_factor_by_boards_at_several_distances() -> None:
+    rng = np.random.default_rng(9)
+    seen = [_seen(rng, distance=d) for d in (0.3, 0.4, 0.5, 0.6)]
+    depths = [s[2] + 0.01 for s in seen]
+    found = depth_scale([s[1] for s in seen], depths, RIG, sigma_px=SIGMA_PX, noise=NOISE)
+    assert found.offset is not None
+    assert found.offset_sigma is not None
+    assert found.offset == pytest.approx(0.01, abs=4 * found.offset_sigma)
+    assert found.offset > 3 * found.offset_sigma
+    near = depth_scale([s[1] for s in seen[:1]], depths[:1], RIG, sigma_px=SIGMA_PX, noise=NOISE)
+    assert near.offset is None
+
+
 def test_the_lens_that_all_views_share_is_not_averaged() -> None:
     rng = np.random.default_rng(8)
     seen = [_seen(rng) for _ in range(4)]

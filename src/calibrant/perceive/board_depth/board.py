@@ -228,12 +228,15 @@ def _by_lens(camera: Camera, view: View, T: Array) -> Array:
 @dataclass(frozen=True, eq=False)
 class DepthScale:
     """How a depth camera's depths compare with boards. scale: relative, 0.01 for 1 % too long; sigma; views: scale and
-    sigma of each; spread: of the views beyond their own sigmas, relative."""
+    sigma of each; spread: of the views beyond their own sigmas, relative; offset, offset_sigma: metres, of depths that
+    are z (1 + factor) + offset, None where the boards' distances are too alike to tell one from the other."""
 
     scale: float
     sigma: float
     views: tuple[tuple[str, float, float], ...]
     spread: float
+    offset: float | None = None
+    offset_sigma: float | None = None
 
 
 def depth_scale(
@@ -263,7 +266,24 @@ def depth_scale(
         w = 1 / (own**2 + tau)
         mean = float(np.sum(w * s) / np.sum(w))
     each = tuple((v.id, float(a), float(b)) for v, a, b in zip(views, s, sigma))
-    return DepthScale(mean, float(np.hypot(1 / np.sqrt(np.sum(w)), shared)), each, float(np.sqrt(tau)))
+    middles = [se3.apply(f.T_camera_target, v.points.mean(axis=0)) for f, v in zip(found, views)]
+    offset = _offset(s, np.array(middles)[:, 2], own)
+    return DepthScale(mean, float(np.hypot(1 / np.sqrt(np.sum(w)), shared)), each, float(np.sqrt(tau)), *offset)
+
+
+_APART = 1.2
+"""Farthest over nearest board: nearer together, a factor and an offset are one."""
+
+
+def _offset(s: Array, z: Array, sigma: Array) -> tuple[float | None, float | None]:
+    """c and its sigma, metres, of s = k + c / z by weighted least squares; wider where the views scatter more."""
+    if len(s) < 3 or z.max() < _APART * z.min():
+        return None, None
+    A, b = np.stack([np.ones(len(z)), 1 / z], axis=1) / sigma[:, None], s / sigma
+    C = np.linalg.inv(A.T @ A)
+    x = C @ A.T @ b
+    wider = max(1.0, float(np.sum((A @ x - b) ** 2)) / (len(s) - 2))
+    return float(x[1]), float(np.sqrt(C[1, 1] * wider))
 
 
 def _shared_scale(camera: Camera, view: View) -> float:

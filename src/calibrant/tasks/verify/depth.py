@@ -16,7 +16,7 @@ from calibrant.tasks.options.option import Option
 from calibrant.tasks.outcome import Outcome
 
 if TYPE_CHECKING:
-    from calibrant.data import CalibrationResult, Check, Observations
+    from calibrant.data import CalibrationResult, Check, Measured, Observations
     from calibrant.perceive.board_depth.board import DepthScale
 
 EXAMPLE = 'cb.verify_depth("colour/*.png", depth="depth/*.png", camera="camera.json", target="chessboard:9x6:25mm")'
@@ -115,12 +115,20 @@ def _result(
         verdict_of(checks),
         checks=checks,
         views=views,
-        figures={"scale": Measured(scale.scale, scale.sigma), "spread": Measured(scale.spread)},
+        figures={"scale": Measured(scale.scale, scale.sigma), "spread": Measured(scale.spread)} | _offset(scale),
         options={"tolerance": request.tolerance},
         inputs=session.file_records(files),
         observations=found,
     )
     return stamp(replace(session.with_misses(result)))
+
+
+def _offset(scale: DepthScale) -> dict[str, Measured]:
+    from calibrant.data import Measured
+
+    if scale.offset is None or scale.offset_sigma is None:
+        return {}
+    return {"offset": Measured(1e3 * scale.offset, 1e3 * scale.offset_sigma, "mm")}
 
 
 def _checks(scale: DepthScale, tolerance: float) -> tuple[Check, ...]:

@@ -124,7 +124,7 @@ def pose_with_depth(
     loose = LOOSE_SCALE if free_scale else noise.common_scale(float(1 / np.median(q)))
     rounding = mean_rounding(z, q, plane.step)
     moved = _by_calibration(rig, view, T)
-    of_noise = _without(by_corners, np.array([d for _, d in moved]).reshape(-1, 6))
+    of_noise = _without(by_corners, np.array([d for _, d in moved])) if moved else by_corners
     solution = _solved(T, of_noise, r, q, sigma, rig, loose, rounding)
     joint = solution.joint_covariance([("T_camera_object", 0), ("scale", 0)])
     T_both, s = solution.value("T_camera_object")[0], float(solution.value("scale")[0, 0])

@@ -111,10 +111,14 @@ class FaceDepths(Factor):
         return ((1 - s) * q + c - self.inverse)[:, None], (J[:, None], -q[:, None, None], np.ones((len(q), 1, 1)))
 
 
+NO_ROUNDING = 1e-12
+"""1/m: a picometre at 1 m is none, and its inverse square would overflow."""
+
+
 def rounding_left(sigma: float) -> tuple[Variable, list[Factor]]:
     """c of `FaceDepths`, 1/m, and what is known of it: 0 +- sigma, or 0 for a sigma of 0."""
-    c = vector("rounding", [0.0], ["offset"], held=() if sigma > 0 else ("offset",))
-    if sigma <= 0:
+    c = vector("rounding", [0.0], ["offset"], held=() if sigma > NO_ROUNDING else ("offset",))
+    if sigma <= NO_ROUNDING:
         return c, []
     return c, [VectorPrior("rounding", "rounding", 0, np.zeros(1), sqrt_information=np.array([[1 / sigma]]))]
 

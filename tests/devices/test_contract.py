@@ -12,9 +12,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.devices.fakes import panda, realsense, ur
-from tests.devices.fakes.clock import patched_clock
-from tests.devices.fakes.opencv import FakeCapture
+from tests.devices import fake_panda as panda
+from tests.devices import fake_realsense as realsense
+from tests.devices import fake_ur as ur
+from tests.devices.fake_clock import patched_clock
+from tests.devices.fake_opencv import FakeCapture
 from tests.devices.recorded.made import write_pictures, write_poses
 
 from calibrant.data.devices import CameraSource, DeviceCalibration, GripperState, Picture, Robot, RobotLimits

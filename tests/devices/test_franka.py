@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from tests.devices.fakes.clock import FakeClock, patched_clock
-from tests.devices.fakes.panda import Controller, installed
+from tests.devices.fake_clock import FakeClock, patched_clock
+from tests.devices.fake_panda import Controller, installed
 
 from calibrant.data.devices import Robot
 from calibrant.devices import open_devices

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.devices.fakes.clock import FakeClock, patched_clock
-from tests.devices.fakes.opencv import FakeCapture
+from tests.devices.fake_clock import FakeClock, patched_clock
+from tests.devices.fake_opencv import FakeCapture
 
 from calibrant.devices import open_devices, opencv_camera
 from calibrant.errors import DeviceError, InputError

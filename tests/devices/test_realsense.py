@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.devices.fakes.clock import patched_clock
-from tests.devices.fakes.realsense import Camera, Distortion, Domain, T_colour_depth, installed
+from tests.devices.fake_clock import patched_clock
+from tests.devices.fake_realsense import Camera, Distortion, Domain, T_colour_depth, installed
 
 from calibrant.devices import open_devices
 from calibrant.errors import DeviceError, InputError

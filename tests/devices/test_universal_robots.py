@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.devices.fakes.clock import FakeClock, patched_clock
-from tests.devices.fakes.ur import TOOL, Controller, installed
+from tests.devices.fake_clock import FakeClock, patched_clock
+from tests.devices.fake_ur import TOOL, Controller, installed
 
 from calibrant.data.devices import Robot
 from calibrant.devices import open_devices

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from calibrant.studies.scenes import Conditions
 from calibrant.studies.stereo_pair import DISTANCES, compared_pairs
 
@@ -12,6 +14,7 @@ def test_both_are_exact_on_exact_points_of_lenses_without_distortion() -> None:
     assert max(e for row in found.rows for e in row.error_mm) < 1e-6
 
 
+@pytest.mark.long
 def test_the_calibrated_pair_is_ahead_and_more_so_far_away_and_with_distortion() -> None:
     plain, bent = (compared_pairs(Conditions(lens=lens)) for lens in ("pinhole", "brown:-0.1"))
     for found in (plain, bent):

@@ -50,6 +50,6 @@ class Driver:
     gives: tuple[str, ...]
     says: str
     tested: str
-    open: Callable[[DeviceSpec], Opened]
+    connect: Callable[[DeviceSpec], Opened]
     keys: tuple[str, ...] = ()
     extra: str = ""

@@ -231,7 +231,7 @@ DRIVER = Driver(
     gives=("robot",),
     says="a Franka arm and its hand",
     tested="a fake of panda-py 1; untested on hardware",
-    open=open_arm,
+    connect=open_arm,
     keys=("gripper", "force"),
     extra="devices",
 )

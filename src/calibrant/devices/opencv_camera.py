@@ -128,6 +128,6 @@ DRIVER = Driver(
     gives=("camera",),
     says="a camera that OpenCV opens, a video file or a stream",
     tested="video files, and a fake of a camera; untested on a camera",
-    open=open_camera,
+    connect=open_camera,
     keys=("size", "fps", "lens"),
 )

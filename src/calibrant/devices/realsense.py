@@ -168,7 +168,7 @@ DRIVER = Driver(
     gives=("camera",),
     says="a RealSense camera, colour and depth",
     tested="a fake of pyrealsense2 2.5x; untested on hardware",
-    open=open_camera,
+    connect=open_camera,
     keys=("size", "fps", "depth", "depth-size"),
     extra="devices",
 )

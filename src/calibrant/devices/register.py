@@ -135,7 +135,7 @@ def open_devices(*, robot: str | None = None, camera: str | None = None) -> Devi
 
 
 def _opened(spec: DeviceSpec, stack: ExitStack) -> Opened:
-    opened = driver_named(spec.driver).open(spec)
+    opened = driver_named(spec.driver).connect(spec)
     stack.callback(opened.release)
     for source in opened.cameras.values():
         stack.callback(source.close)

@@ -27,7 +27,7 @@ DRIVER = Driver(
     gives=("robot", "camera"),
     says="a simulated arm with wrist, front and top cameras",
     tested="itself: MuJoCo",
-    open=open_cell,
+    connect=open_cell,
     keys=("seed", "arm", "camera", "tool", "record"),
     extra="sim",
 )

@@ -261,7 +261,7 @@ DRIVER = Driver(
     gives=("robot",),
     says="an arm of Universal Robots",
     tested="a fake of ur-rtde 1.6; untested on hardware",
-    open=open_arm,
+    connect=open_arm,
     keys=("arm",),
     extra="devices",
 )

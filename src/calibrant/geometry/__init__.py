@@ -5,6 +5,7 @@ Its modules are `cb.geometry`, each loaded when it is named:
     so3, se3          rotations and rigid transforms as Lie groups: exp, log, mean, inverse, apply, adjoint
     rotations         matrices from and to Euler angles, quaternions, rotation vectors, axis and angle
     frames            `FrameGraph`: any frame relative to any other
+    frame_tree        the way from one frame to another in a tree that robots tell
     motion            where a frame was at any time between the poses that were recorded
     projective        homographies, essential and fundamental matrices, epipolar lines and distances
     rectifying        the turns after which two cameras look the same way, side by side
@@ -25,6 +26,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from calibrant.geometry import frame_tree as frame_tree
     from calibrant.geometry import frames as frames
     from calibrant.geometry import grasp_equations as grasp_equations
     from calibrant.geometry import motion as motion
@@ -36,7 +38,7 @@ if TYPE_CHECKING:
     from calibrant.geometry import triangulation as triangulation
 
 __all__ = [
-    *("frames", "grasp_equations", "motion", "projective", "rectifying", "rotations", "se3", "so3"),
+    *("frame_tree", "frames", "grasp_equations", "motion", "projective", "rectifying", "rotations", "se3", "so3"),
     "triangulation",
 ]
 

@@ -40,6 +40,7 @@ def scanner(seed: int, *, noise: float = 1.0) -> CalibrationResult:
     return calibrate_cell(poses, lists(seen, "eye-in-hand"))
 
 
+@pytest.mark.long
 def test_one_camera_and_one_projector_are_the_cell_digit_for_digit() -> None:
     _, seen = lit(example_pair(), 0)
     cell, projector = calibrate_cell({}, lists(seen, HANDHELD)), calibrate_projector(seen)
@@ -58,6 +59,7 @@ def test_a_scanner_in_a_gripper_is_exact_without_noise() -> None:
     np.testing.assert_allclose(result.transform("camera", "projector").matrix, pair.T_camera_projector, atol=1e-5)
 
 
+@pytest.mark.long
 def test_a_projector_that_boards_held_by_hand_place_beside_a_robot() -> None:
     """The robot shows its board to the camera; boards held by hand are lit by the projector before the same camera."""
     pair = example_pair()

@@ -35,6 +35,7 @@ def test_coupling_is_named_and_its_cure_works(sign: int, words: str) -> None:
     assert cured.verdict == "ok"
 
 
+@pytest.mark.long
 def test_rows_out_of_order_are_no_coupling() -> None:
     rows = measured(0)
     wrong = JointMeasurements(rows.ids, np.roll(rows.joints, 1, axis=0), rows.positions, rows.rotations)

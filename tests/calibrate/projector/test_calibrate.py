@@ -132,12 +132,14 @@ def test_terms_that_nothing_tells_are_held_and_said() -> None:
     assert "k3" in check.message
 
 
+@pytest.mark.long
 def test_what_is_fixed_is_held_at_nothing() -> None:
     result = calibrate_projector(scene(example_pair(), 0), fix=("k2", "k3", "tangential"))
     for camera in result.cameras.values():
         assert [camera.parameters[n] for n in ("k2", "k3", "p1", "p2")] == [0.0] * 4
 
 
+@pytest.mark.long
 def test_the_lens_shift_is_said() -> None:
     result = calibrate_projector(scene(example_pair(shift=0.6, focal_px=2000.0), 0))
     check = next(c for c in result.checks if c.name == "lens-shift")
@@ -167,6 +169,7 @@ def test_a_bent_board_is_named_first_with_its_size(views: int) -> None:
     assert flat.value < 0.1
 
 
+@pytest.mark.long
 def test_a_lens_that_errs_alike_in_all_captures_bends_no_board() -> None:
     """Triangulated corners are bent alike where all boards were at one place: the pictures fit no better for it."""
     pair, rng = example_pair(), np.random.default_rng(5)

@@ -158,6 +158,7 @@ def test_without_depth_on_the_object_its_distance_is_the_tables() -> None:
     assert squared(pose, T @ thing.T_table_box) < chi2.ppf(0.999, 6)
 
 
+@pytest.mark.long
 def test_what_does_not_stand_on_the_table_is_told() -> None:
     camera = camera_at(617.0)
     tilted = se3.make(so3.exp([np.deg2rad(12), 0, 0]) @ so3.exp([0, 0, 0.4]), [0, 0, 0.03])

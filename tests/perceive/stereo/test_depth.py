@@ -179,6 +179,7 @@ def test_exchanged_sides_empty_clouds_and_wrong_sizes_are_named() -> None:
         depth_map(pair, images, near=2.0, far=1.0)
 
 
+@pytest.mark.long
 def test_what_lies_outside_of_the_distances_asked_for_is_no_point() -> None:
     """Matchers search in steps of 16 pixels and reach farther than they are asked to."""
     images, pair = _pictures(EXACT, 1.0), rectification(EXACT)

@@ -175,7 +175,7 @@ DRIVER = Driver(
     gives=("robot", "camera"),
     says="a recording of ROS 1 or 2: pictures, depth, transforms or joint values",
     tested="bags written by rosbags, ROS 1 and ROS 2",
-    open=open_bag,
+    connect=open_bag,
     keys=("camera", "depth", "info", "lens", "tf", "robot", "link", "base", "joints", "stamps", "clock-offset"),
     extra="ros",
 )

@@ -157,6 +157,6 @@ DRIVER = Driver(
     gives=("robot", "camera"),
     says="pictures of a folder, with depth beside them, and the robot poses of a file",
     tested="itself: files",
-    open=open_folder,
+    connect=open_folder,
     keys=("poses", "images", "depth-unit", "lens", *NOTATION, *ROBOT),
 )

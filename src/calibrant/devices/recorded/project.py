@@ -84,6 +84,6 @@ DRIVER = Driver(
     gives=("robot", "camera"),
     says="what a project's camera saw, and its robot's poses then",
     tested="itself: projects",
-    open=open_project,
+    connect=open_project,
     keys=("camera",),
 )

@@ -30,6 +30,7 @@ def _lens(cell: Cell, px: float) -> Camera:
     return Camera(cell.camera.model, cell.camera.image_size, values)
 
 
+@pytest.mark.long
 def test_a_right_lens_is_not_named_and_costs_little(cell: Cell) -> None:
     seen = observe_cell(cell, sigma_px=0.1)
     result = cb.calibrate_hand_eye(cell.robot_poses, seen, setup="eye-to-hand", camera=_lens(cell, 0.0))
@@ -38,6 +39,7 @@ def test_a_right_lens_is_not_named_and_costs_little(cell: Cell) -> None:
     assert chi_square(se3.local(cell.X, camera.matrix), camera.covariance) < 22.5
 
 
+@pytest.mark.long
 def test_a_wrong_one_is_named_and_sigma_holds_it(cell: Cell) -> None:
     seen = observe_cell(cell, sigma_px=0.1)
     result = cb.calibrate_hand_eye(cell.robot_poses, seen, setup="eye-to-hand", camera=_lens(cell, 8.0))

@@ -66,6 +66,7 @@ def test_views_left_out_in_one_stretch_are_said_to_be() -> None:
     assert views_check([ViewResult(str(i), i > 0, 40) for i in range(20)]).status == "ok"
 
 
+@pytest.mark.long
 def test_neither_noise_nor_an_even_drift_nor_a_small_push_is_one() -> None:
     none = np.tile(np.eye(4), (POSES, 1, 1))
     even = np.array([se3.retract(np.eye(4), a * se3.local(np.eye(4), PUSH)) for a in np.linspace(0, 1, POSES)])

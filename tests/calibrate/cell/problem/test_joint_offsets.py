@@ -88,6 +88,7 @@ def test_offsets_are_recovered_within_sigma_and_the_camera_gets_better() -> None
     assert np.median(with_offsets) < 0.6 * np.median(without)
 
 
+@pytest.mark.long
 def test_offsets_that_act_as_camera_or_target_are_held_and_said() -> None:
     rows = found_offsets(calibrated(scene(0), free=True))
     assert "redundant" in rows["shoulder_pan offset"]["reason"]

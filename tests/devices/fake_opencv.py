@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from tests.devices.fakes.clock import FakeClock
+from tests.devices.fake_clock import FakeClock
 
 from calibrant.opencv import cv2
 

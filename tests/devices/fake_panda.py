@@ -8,7 +8,7 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.devices.fakes.clock import FakeClock
+from tests.devices.fake_clock import FakeClock
 
 from calibrant.geometry import rotations, se3
 from calibrant.robots.arms import arm

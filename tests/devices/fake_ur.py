@@ -11,7 +11,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.devices.fakes.clock import FakeClock
+from tests.devices.fake_clock import FakeClock
 
 from calibrant.geometry import rotations, se3
 from calibrant.robots.arms import arm

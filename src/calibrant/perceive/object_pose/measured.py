@@ -18,8 +18,8 @@ from calibrant.optimize import Solution
 from calibrant.perceive.colour.segments import Segment
 from calibrant.perceive.object_pose import fit
 from calibrant.perceive.object_pose.edge_profiles import REACH_PX, measure_edges
-from calibrant.perceive.object_pose.outline_edges import COMMON_BIAS_PX, find_edges, side_bias, with_their_side
-from calibrant.perceive.object_pose.rendered import Silhouette, outline, visible_triangles
+from calibrant.perceive.object_pose.outline_edges import COMMON_BIAS_PX, find_edges, sampling_bias, side_bias, with_their_side
+from calibrant.perceive.object_pose.rendered import SPACING_PX, Silhouette, outline, visible_triangles
 from calibrant.perceive.object_pose.seen import RIM_PX, Scene
 from calibrant.perceive.object_pose.shapes import Shape
 from calibrant.perceive.registered_depth.planes import Plane
@@ -83,7 +83,7 @@ def measured(
         edge_uv=edge_uv,
         side=seen.side[edge],
         sigma_edge=worse * edge_sigma,
-        sigma_side=side_bias(seen.strips[edge], 2 * REACH_PX),
+        sigma_side=_sides(seen)[edge],
         sigma_common=COMMON_BIAS_PX,
         contact=contact if table is not None else np.zeros((0, 3)),
         table=table,
@@ -92,6 +92,18 @@ def measured(
         lost=lost,
     )
     return m, edge_sigma, tried
+
+
+def _sides(seen: Silhouette) -> Array:
+    """Sigma (n,), px, of what each sample's side is off by as a whole."""
+    _, first, side, count = np.unique(seen.side, return_index=True, return_inverse=True, return_counts=True)
+    if not len(side):
+        return np.zeros(0)
+    total = np.stack([np.bincount(side, weights=seen.outward[:, k]) for k in (0, 1)], axis=1)
+    size = np.linalg.norm(total, axis=1, keepdims=True)
+    along = np.where(size > 0, total / np.maximum(size, 1e-12), seen.outward[first])
+    grid = sampling_bias(along, SPACING_PX * count)
+    return np.hypot(side_bias(seen.strips, 2 * REACH_PX), grid[side])
 
 
 def _edges(

@@ -19,6 +19,8 @@ NEAR = 0.3
 """Of a distance: what is farther off is of another region, where disparities have other steps."""
 _SAME_M = 1e-6
 """Metres: nearer depths are one and the same in single precision."""
+_NOTHING = 1e-6
+"""Of a step: less is none. The sum falls to 1e-160 where scatter is many steps, and weights of 1 / sigma^2 overflow."""
 _TERMS = np.arange(1, 30)
 
 
@@ -44,7 +46,8 @@ def rounding_error(step: float, scatter: float) -> float:
         return 0.0
     k = _TERMS
     terms = np.exp(-4 * np.pi**2 * k**2 * (scatter / step) ** 2) / (2 * np.pi**2 * k**2)
-    return step * float(np.sqrt(terms.sum()))
+    left = float(np.sqrt(terms.sum()))
+    return step * left if left > _NOTHING else 0.0
 
 
 def mean_rounding(depth: Array, inverse: Array, step: float | None = None) -> float:

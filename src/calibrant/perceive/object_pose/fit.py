@@ -49,7 +49,8 @@ class Measurements:
     sigma_edge (k,), sigma_side (k,), sigma_common, px: of each, shared by a side, and by all; contact (c, 3): vertices
     on the table, object's frame; table: in the depth camera's frame, None where there is none; rounding: 1 sigma of
     what the depths' steps leave in all on the object together, 1/m; lost: share of the depths within the outline that
-    are of something else.
+    are of something else; depth_shared: how many depths tell as much as an independent one; every: of how many pixels
+    one was taken; sides: of the outline, found or not.
     """
 
     uv_depth: Array
@@ -68,6 +69,9 @@ class Measurements:
     scale_sigma: float
     rounding: float = 0.0
     lost: float = 0.0
+    depth_shared: float = 1.0
+    every: float = 1.0
+    sides: int = 0
 
 
 class FaceDepths(Factor):

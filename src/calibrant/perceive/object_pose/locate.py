@@ -10,6 +10,7 @@ import numpy as np
 from calibrant.arrays import Array, Mask
 from calibrant.errors import RefusedError
 from calibrant.geometry import se3
+from calibrant.opencv import cv2
 from calibrant.optimize import Solution
 from calibrant.perceive.colour.segments import Segment
 from calibrant.perceive.object_pose import fit, starts
@@ -39,6 +40,10 @@ not stand, so that a chance of 1e-3 would be a false alarm more often than not."
 TILT_PX = 400
 """Segments of less than 20 x 20 pixels do not tell how they are tilted: 0.3 px, what sampling alone makes edges err by,
 are 10 deg of foreshortening."""
+LIKELY = 0.05
+"""Weight of another pose, the best one's being 1, from which on it is told in words."""
+RIVAL = 12.0
+"""Of chi-square: a minimum that is worse by more has a weight below exp(-6) = 0.25 %."""
 _STILL = 1e-3
 """Part of its sigma that a pose still moves by when it has settled."""
 
@@ -65,13 +70,13 @@ def locate(
     if segment.on_edge:
         notes.append("the picture's edge cuts the object off: what is outside is not seen")
     guesses = _guesses(scene, segment, shape, inner, table)
-    best = _best(scene, segment, shape, guesses, inner, table)
+    best, rivals = _best(scene, segment, shape, guesses, inner, table)
     if best.cost > POOR and _tells_tilt(best, segment):
         loose = [replace(g, contact=np.zeros((0, 3))) for g in guesses]
-        other = _best(scene, segment, shape, loose, inner, table, afar=4)
-        best = other if other.cost < MUCH_BETTER * best.cost else best
+        other, its = _best(scene, segment, shape, loose, inner, table, afar=4)
+        best, rivals = (other, its) if other.cost < MUCH_BETTER * best.cost else (best, rivals)
     best = _if_it_stands(scene, shape, best, inner, segment, notes)
-    return _answer(scene, segment, shape, best, notes)
+    return _answer(scene, segment, shape, best, rivals, notes)
 
 
 def _best(
@@ -83,15 +88,28 @@ def _best(
     table: Plane | None,
     *,
     afar: int = 1,
-) -> Fitted:
-    """The best of the guesses, refined until it stands still: the others are tried too where the first is poor."""
+) -> tuple[Fitted, list[Fitted]]:
+    """The best of the guesses, refined until it stands still, and the others that noise could make the best."""
     tried = sorted((_refined(scene, segment, shape, g, inner, table, afar=afar) for g in guesses), key=lambda f: f.cost)
     best = _settled(scene, segment, shape, tried[0], inner)
+    settled = [best]
     for other in tried[1:]:
-        if best.cost <= POOR:
-            break
-        best = min(best, _settled(scene, segment, shape, other, inner), key=lambda f: f.cost)
-    return best
+        if best.cost > POOR or other.chi2 - best.chi2 < RIVAL:
+            settled.append(_settled(scene, segment, shape, other, inner))
+            best = min(best, settled[-1], key=lambda f: (_covers(scene, segment, shape, f) < _least(segment), f.chi2))
+    near = [f for f in settled if f is not best and f.chi2 - best.chi2 < RIVAL]
+    return best, [f for f in near if _covers(scene, segment, shape, f) >= _least(segment)]
+
+
+def _covers(scene: Scene, segment: Segment, shape: Shape, f: Fitted) -> float:
+    return starts.overlap(shape, scene.rig.colour, f.T, segment.mask)
+
+
+def _least(segment: Segment) -> float:
+    """Overlap of shape and segment that is asked for, where a rim of half a pixel may be the segment's or not."""
+    inside = cv2.erode(segment.mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    rim = 1 - float(inside.sum()) / segment.area_px
+    return LEAST_OVERLAP * (1 - 0.5 * rim)
 
 
 def _guesses(scene: Scene, segment: Segment, shape: Shape, inner: Mask, table: Plane | None) -> list[starts.Guess]:
@@ -163,15 +181,18 @@ def _step(
 ) -> Fitted:
     m, raw, tried = measured(scene, segment, shape, T, inner, table, contact, reach, before)
     solution = fit.fit(m, shape.normals, shape.offsets, scene.rig, T, size=shape.size)
-    squares = []
+    squares, chi2 = [], 0.0
     if len(m.inverse):
         own = _mean_square(solution.residuals("depth")[:, 0] / m.sigma_inverse, len(m.inverse))
         squares.append((1 - m.lost) * own + 9.0 * m.lost)
+        # Of as many depths for every pose: one that few fall upon is no better for it.
+        chi2 += float(inner.sum()) / m.every * ((1 - m.lost) * own + 9.0 * m.lost / m.depth_shared)
     if tried:
         off = _outline_off(m, solution)
         squares.append(_mean_square(off, tried) + (_NO_CONTRAST if raw.min(initial=9) >= MASK_SIGMA_PX else 0.0))
+        chi2 += squares[-1] * m.sides
     share = len(m.points) / max(tried, 1)
-    return Fitted(solution.value("T_camera_object")[0], m, solution, float(np.mean(squares or [9.0])), share, raw)
+    return Fitted(solution.value("T_camera_object")[0], m, solution, float(np.mean(squares or [9.0])), chi2, share, raw)
 
 
 def _mean_square(r: Array, count: int) -> float:
@@ -187,6 +208,26 @@ def _outline_off(m: fit.Measurements, solution: Solution) -> Array:
     _, counts = np.unique(m.side[order], return_counts=True)
     off = solution.residuals("outline")[:, 0] + np.repeat(solution.value("side")[:, 0], counts)
     return off / np.maximum(m.sigma_side, _FAIR_SIDE_PX)[order]
+
+
+def mixture(f: Fitted, rivals: Sequence[Fitted], shape: Shape, notes: list[str]) -> Array:
+    """Covariance (6, 6) about f.T of the poses that fit as well, each weighted by exp(-chi2 / 2).
+
+    sum_i w_i (C_i + d_i d_i^T), d_i = f.T -> T_i, of the equivalent pose that is turned least against it.
+    """
+    out, total = f.solution.covariance("T_camera_object"), 1.0
+    sigma = out
+    for other in rivals:
+        same = [se3.local(f.T, other.T @ S) for S in shape.symmetries]
+        d = min(same, key=lambda v: float(np.linalg.norm(v[:3])))
+        if float(d @ np.linalg.solve(sigma, d)) < 1.0:
+            continue  # the same minimum
+        w = float(np.exp(-0.5 * max(other.chi2 - f.chi2, 0.0)))
+        out, total = out + w * (sigma + np.outer(d, d)), total + w
+        if w > LIKELY and float(d @ np.linalg.solve(sigma, d)) > 9.0:
+            turn = np.rad2deg(float(np.linalg.norm(d[:3])))
+            notes.append(f"another pose fits {100 * w:.0f} % as well, turned by {turn:.0f}°: sigma spans both")
+    return np.asarray(out / total)
 
 
 def _if_it_stands(scene: Scene, shape: Shape, f: Fitted, inner: Mask, segment: Segment, notes: list[str]) -> Fitted:
@@ -230,16 +271,18 @@ def _tilt(shape: Shape, T: Array, contact: Array, up: Array) -> float:
     return float(np.arccos(np.clip(abs((T[:3, :3] @ axes[2]) @ up), 0, 1)))
 
 
-def _answer(scene: Scene, segment: Segment, shape: Shape, f: Fitted, notes: list[str]) -> ObjectPose:
+def _answer(
+    scene: Scene, segment: Segment, shape: Shape, f: Fitted, rivals: Sequence[Fitted], notes: list[str]
+) -> ObjectPose:
     """Raises: RefusedError where the drawn shape is not where the segment is."""
-    covers = starts.overlap(shape, scene.rig.colour, f.T, segment.mask)
-    if covers < LEAST_OVERLAP:  # both are cut off by the picture's edge alike
+    covers = _covers(scene, segment, shape, f)
+    if covers < _least(segment):  # both are cut off by the picture's edge alike
         raise RefusedError(
             f"the {shape.name} does not fit what is seen: drawn where it fits best, it and the segment "
-            f"({segment.words}) overlap by {100 * covers:.0f} %, expected {100 * LEAST_OVERLAP:.0f} % or more. "
+            f"({segment.words}) overlap by {100 * covers:.0f} %, expected {100 * _least(segment):.0f} % or more. "
             "Are its sides right, is something before it, is the depth that of this picture?"
         )
-    covariance = f.solution.covariance("T_camera_object")
+    covariance = mixture(f, rivals, shape, notes)
     covariance = covariance + fit.by_calibration(f.m, shape.normals, shape.offsets, scene.rig, f.T, size=shape.size)
     if f.cost > POOR:
         notes.append(

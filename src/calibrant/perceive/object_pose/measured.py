@@ -18,7 +18,13 @@ from calibrant.optimize import Solution
 from calibrant.perceive.colour.segments import Segment
 from calibrant.perceive.object_pose import fit
 from calibrant.perceive.object_pose.edge_profiles import REACH_PX, measure_edges
-from calibrant.perceive.object_pose.outline_edges import COMMON_BIAS_PX, find_edges, sampling_bias, side_bias, with_their_side
+from calibrant.perceive.object_pose.outline_edges import (
+    COMMON_BIAS_PX,
+    find_edges,
+    sampling_bias,
+    side_bias,
+    with_their_side,
+)
 from calibrant.perceive.object_pose.rendered import SPACING_PX, Silhouette, outline, visible_triangles
 from calibrant.perceive.object_pose.seen import RIM_PX, Scene
 from calibrant.perceive.object_pose.shapes import Shape
@@ -44,12 +50,14 @@ would make them follow whatever else there is."""
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """A refined pose with its measurements. cost: mean squared residual in sigmas, cut at 3, misses counted as 3."""
+    """A refined pose with its measurements. cost: mean squared residual in sigmas, cut at 3, misses counted as 3;
+    chi2: their sum over what is independent: sides of the outline, windows of depth."""
 
     T: Array
     m: fit.Measurements
     solution: Solution
     cost: float
+    chi2: float
     edges_found: float
     raw_sigma: Array
 
@@ -83,18 +91,21 @@ def measured(
         edge_uv=edge_uv,
         side=seen.side[edge],
         sigma_edge=worse * edge_sigma,
-        sigma_side=_sides(seen)[edge],
+        sigma_side=_sides(seen, scene.staircase)[edge],
         sigma_common=COMMON_BIAS_PX,
         contact=contact if table is not None else np.zeros((0, 3)),
         table=table,
         scale_sigma=noise.common_scale(float(T[2, 3])),
         rounding=mean_rounding(scene.registered.depth, inverse, table.step if table is not None else None),
         lost=lost,
+        depth_shared=shared,
+        every=every,
+        sides=len(np.unique(seen.side)),
     )
     return m, edge_sigma, tried
 
 
-def _sides(seen: Silhouette) -> Array:
+def _sides(seen: Silhouette, staircase: float) -> Array:
     """Sigma (n,), px, of what each sample's side is off by as a whole."""
     _, first, side, count = np.unique(seen.side, return_index=True, return_inverse=True, return_counts=True)
     if not len(side):
@@ -102,7 +113,7 @@ def _sides(seen: Silhouette) -> Array:
     total = np.stack([np.bincount(side, weights=seen.outward[:, k]) for k in (0, 1)], axis=1)
     size = np.linalg.norm(total, axis=1, keepdims=True)
     along = np.where(size > 0, total / np.maximum(size, 1e-12), seen.outward[first])
-    grid = sampling_bias(along, SPACING_PX * count)
+    grid = sampling_bias(along, SPACING_PX * count.astype(np.float64), staircase)
     return np.hypot(side_bias(seen.strips, 2 * REACH_PX), grid[side])
 
 

@@ -105,22 +105,25 @@ def side_bias(strips: Array, broad: float) -> Array:
     return np.where(thin, THIN_STRIP_BIAS_PX, np.where(strip, STRIP_BIAS_PX, EDGE_BIAS_PX))
 
 
-def sampling_bias(outward: Array, length: Array) -> Array:
+def sampling_bias(outward: Array, length: Array, step: float) -> Array:
     """Sigma (n,), px, of what the pixels' grid makes straight edges err by as a whole, along their normal.
 
-    In pixels that do not integrate, an edge of slope m = tan(angle to the nearer axis) is a staircase: off by a sawtooth
-    of period 1 / m along it. Over all phases the mean over N columns has the variance
+    Sampled without averaging, an edge of slope m = tan(angle to the nearer axis) is a staircase: off by a sawtooth of
+    period 1 / m along it. Over all phases the mean over N columns has the variance
 
         cos^2(angle) sum_h 1 / (2 pi^2 h^2) (sin(pi h m N) / (N sin(pi h m)))^2,
 
-    1/12 along an axis (the sawtooth's series, Dirichlet's kernel). Args: outward (n, 2), unit; length (n,), px.
+    1/12 along an axis (the sawtooth's series, Dirichlet's kernel). Args: outward (n, 2), unit; length (n,), px; step:
+    between samples, px.
     """
+    if step <= 0:
+        return np.zeros(len(length))
     small, large = np.sort(np.abs(outward), axis=-1).T
-    m, count = small / large, np.maximum(length * large, 1.0)
+    m, count = small / large, np.maximum(length * large / step, 1.0)
     h = _HARMONICS
     below = count[:, None] * np.sin(np.pi * h * m[:, None])
     above = np.sin(np.pi * h * m[:, None] * count[:, None])
     # Where the slope is a whole number of a harmonic, all columns err alike.
     kernel = np.divide(above, below, out=np.ones_like(above), where=np.abs(below) > 1e-9)
     variance = np.sum(np.minimum(kernel**2, 1.0) / (2 * np.pi**2 * h**2), axis=1)
-    return np.asarray(large * np.sqrt(variance), dtype=np.float64)
+    return np.asarray(step * large * np.sqrt(variance), dtype=np.float64)

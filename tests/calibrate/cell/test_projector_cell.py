@@ -53,6 +53,7 @@ def test_one_camera_and_one_projector_are_the_cell_digit_for_digit() -> None:
     assert cell.checks == projector.checks
 
 
+@pytest.mark.long
 def test_a_scanner_in_a_gripper_is_exact_without_noise() -> None:
     pair, result = example_pair(), scanner(1, noise=0.0)
     np.testing.assert_allclose(result.transform("gripper", "camera").matrix, X, atol=1e-5)

@@ -50,6 +50,7 @@ def test_what_the_ending_cannot_tell_is_asked(tmp_path: Path, narrow: Path) -> N
     assert json.loads((tmp_path / "x.json").read_text())["format"].startswith("calibrant/")
 
 
+@pytest.mark.long
 def test_a_model_that_the_format_lacks_is_refused_with_the_error_of_the_nearest(tmp_path: Path) -> None:
     source, target = tmp_path / "wide.yaml", tmp_path / "wide.yml"
     source.write_text(FISHEYE)

@@ -37,6 +37,7 @@ def test_what_is_no_accuracy_is_refused(text: str | float) -> None:
         robot_accuracy(text)
 
 
+@pytest.mark.long
 def test_no_number_of_poses_averages_it() -> None:
     added = []
     for n in (20, 80):

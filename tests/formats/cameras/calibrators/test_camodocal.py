@@ -164,6 +164,7 @@ def test_ocam_counts_rows_before_columns(tmp_path: Path) -> None:
     assert np.linalg.norm(at - np.column_stack([column, row]), axis=1).max() <= most
 
 
+@pytest.mark.long
 def test_ocam_whose_affine_terms_turn_the_image(tmp_path: Path) -> None:
     """As real files have it, by a degree: the lens is read as near as one that is not turned, the frame turned."""
     turn = np.radians(0.8)

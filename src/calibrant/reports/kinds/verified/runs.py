@@ -28,15 +28,16 @@ def _number(value: float | None, digits: int = 2) -> str:
 def _offset(run: TaskRun) -> str:
     if run.offset_mm is None or run.sigma_mm is None:
         return "–"
-    return ", ".join(f"{v:.2f} ± {s:.2f}" for v, s in zip(run.offset_mm, run.sigma_mm))
+    return ",\n".join(f"{v:.2f} ± {s:.2f}" for v, s in zip(run.offset_mm, run.sigma_mm))
 
 
+OFFSETS = "x, y, z, mm"
 COLUMNS: Sequence[tuple[str, Cell, Callable[[TaskRun], object]]] = (
     ("error, mm", lambda r: _number(r.error_mm), lambda r: r.error_mm),
-    ("predicted (95 %), mm", lambda r: _number(r.predicted_95_mm), lambda r: r.predicted_95_mm),
+    ("95 %, mm", lambda r: _number(r.predicted_95_mm), lambda r: r.predicted_95_mm),
     ("inside", lambda r: "–" if r.inside is None else "yes" if r.inside else "no", lambda r: r.inside),
-    ("x, y, z, mm", _offset, lambda r: r.offset_mm),
-    ("turned, deg", lambda r: _number(r.turned_deg, 3), lambda r: r.turned_deg),
+    (OFFSETS, _offset, lambda r: r.offset_mm),
+    ("turn, deg", lambda r: _number(r.turned_deg, 3), lambda r: r.turned_deg),
     ("after correction, mm", lambda r: _number(r.after_mm), lambda r: r.after_mm),
     ("after, deg", lambda r: _number(r.after_deg, 3), lambda r: r.after_deg),
     ("passed", lambda r: "yes" if r.passed else "NO", lambda r: True),
@@ -51,11 +52,12 @@ def run_tables(result: CalibrationResult) -> list[TextTable]:
     if found is None or not found.runs:
         return []
     shown = [c for c in COLUMNS if any(c[2](r) is not None for r in found.runs)]
-    words = {"x, y, z, mm", "remark", "passed", "inside"}
+    words = {OFFSETS, "remark", "passed", "inside"}
     names = [name.replace("after correction", found.after) for name, _, _ in shown]
     columns = (Column("run"), *(Column(name, name not in words) for name in names))
     rows = tuple((r.name, *(text(r) for _, text, _ in shown)) for r in found.runs)
-    note = f"Along the axes of the {found.frame}: where the camera said, less where it is."
+    note = f"95 %: of errors that the calibration predicts. x, y, z: along the axes of the {found.frame}, where the "
+    note += "camera said, less where it is."
     tables = [TextTable("Run by run", columns, rows, note if any(r.offset_mm for r in found.runs) else "")]
     if found.beside:
         pairs = tuple((name, text) for name, text in found.beside.items())
@@ -96,10 +98,12 @@ def run_terminal(result: CalibrationResult) -> list[RenderableType]:
     style = "bold red" if result.verdict == "refused" else "bold green"
     parts: list[RenderableType] = [Text(run_answer(result), style=style)]
     for table in run_tables(result):
-        drawn = Table(*(c.name for c in table.columns), title=table.heading, title_justify="left")
+        drawn = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+        for column in table.columns:
+            drawn.add_column(column.name, no_wrap=column.name == OFFSETS, justify="right" if column.number else "left")
         for row in table.rows:
             drawn.add_row(*map(str, row))
-        parts += [Text(), drawn]
+        parts += [Text(), Text(table.heading, style="bold"), drawn]
     found = result.detail(TaskRuns)
     if found is not None and found.advice:
         parts += [Text(), Text(found.advice)]

@@ -53,7 +53,7 @@ def test_cell_by_its_spec_is_led_to_what_was_taught_in_it(tmp_path: Path, monkey
         return opened
 
     open_cell = simulated_cell.open_cell
-    monkeypatch.setattr(simulated_cell, "DRIVER", replace(simulated_cell.DRIVER, open=led_to_where_it_sees))
+    monkeypatch.setattr(simulated_cell, "DRIVER", replace(simulated_cell.DRIVER, connect=led_to_where_it_sees))
     devices = {"robot_device": "cell:seed=0", "camera_device": "cell"}
     result = cb.servo_run(tmp_path / "target.json", **devices, tolerance="2mm", tolerance_turn="1deg")
     assert result.kind == "servo"

@@ -18,6 +18,13 @@ def test_a_cube_that_moves_and_turns_is_held() -> None:
     assert passed.sights > 10
 
 
+@pytest.mark.long
+@pytest.mark.xfail(reason="held 16 mm off the middle of the pads in this cell; the cause is not found", strict=False)
+def test_it_is_held_by_its_middle() -> None:
+    (passed,) = conveyor_study([1])
+    assert passed.off_mm < 5.0
+
+
 def test_the_table_says_what_was_not_held_and_why() -> None:
     nan = float("nan")
     runs = (

@@ -32,6 +32,14 @@ def test_planar_control_arrives_as_far_as_the_arm_keeps_the_plane() -> None:
     assert run.error_deg < 0.1
 
 
+@pytest.mark.long
+@pytest.mark.xfail(reason="0.37 mm in the plane: height and tilt of the arm are taken for a shift", strict=False)
+def test_planar_control_arrives_within_the_tolerance() -> None:
+    (run,) = servo_study([1], ServoCase(control="planar")).runs
+    assert run.passed, run.reason
+    assert run.error_mm < 0.3
+
+
 def test_the_table_says_what_failed_and_why() -> None:
     nan = float("nan")
     runs = (
